@@ -1,11 +1,10 @@
-"""Cells of two arms on differential bases, planar and spatial, and the same robots on Pinocchio's planar joint."""
+"""Cells of two arms on differential bases, planar and spatial; their robots on Pinocchio's planar joint."""
 
 from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from cells import planar_scenario, spatial_cell
-from cells import SPATIAL_START
+from cells import SPATIAL_START, planar_scenario, spatial_cell
 
 from coop_pin.base.schema.pose import Pose
 from coop_pin.description.cell.cell import Cell
@@ -17,7 +16,7 @@ STARTS = {"planar": planar_scenario().start.matrix, "spatial": SPATIAL_START.mat
 
 
 def on_wheels(cell: Cell, **fields: object) -> Cell:
-    """The cell with each arm on a rolling base, its root link where it was and its heading that of the root."""
+    """The cell with each arm on a rolling base that heads along the x axis of its root link."""
     base = DifferentialBase(**(PLATFORM | fields))
     lift = np.eye(4)
     lift[:3, 3] = base.ahead, 0.0, base.wheel_radius + base.size[2]
@@ -60,7 +59,7 @@ class PlanarRobot:
         self.data, self.tip = self.model.createData(), self.model.getFrameId(arm.tip)
 
     def terms(self, pose: np.ndarray, rates: np.ndarray, angles: np.ndarray, speeds: np.ndarray):
-        """M, h, tip pose, Jacobian and its drift, and v, at x, y, yaw of the platform and the arm's angles."""
+        """M, h, tip pose, Jacobian with drift, v and turn, at x, y, yaw of the platform and the angles."""
         turn = np.array(((np.cos(pose[2]), np.sin(pose[2])), (-np.sin(pose[2]), np.cos(pose[2]))))
         q = np.r_[pose[:2], np.cos(pose[2]), np.sin(pose[2]), angles]
         v = np.r_[turn @ rates[:2], rates[2], speeds]

@@ -187,6 +187,7 @@ def _append_rolling(tree: pin.Model, alone: pin.Model, name: str, arm: Arm) -> p
     axes = zip(("x", "y", "yaw"), (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelRZ()), strict=True)
     for axis, kind in axes:
         joint = base.addJoint(joint, kind, pin.SE3.Identity(), f"shared.{name}.base_{axis}")
+        base.addJointFrame(joint)  # of brakes of the joints above
     base.armature = arm.wheels.rotors
     deck = add_frame(base, f"shared.{name}.deck", joint, pin.SE3.Identity())
     for index in range(1, alone.njoints):

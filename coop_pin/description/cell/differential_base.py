@@ -117,9 +117,9 @@ class DifferentialBase(Description):
         u = r' + k (r - b),    v_c = e . u,    omega_c = n . u / ahead
         F = m (v_c' + w (v_c - v)),    M = I (omega_c' + w (omega_c - omega))
 
-    This is input-output linearisation of a unicycle (Oriolo, De Luca and Vendittelli 2002; Siciliano et al.
-    2009, section 11.5), with a servo of speed and turn rate that is sampled at the control ticks. m and I are
-    the inertia that the base moves at the start. Casters bear weight only.
+    This is input-output linearisation of a unicycle (Siciliano et al. 2009, section 11.5), with a servo of
+    speed and turn rate that is sampled at the control ticks. m and I are the inertia that the base moves at
+    the start. Casters bear weight only.
 
     Attributes:
         drive: kind of the drive, "differential".
