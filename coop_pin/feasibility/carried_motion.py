@@ -66,6 +66,8 @@ def displacement(scenario: Scenario, time: float) -> Array:
         return cell.carrier.displacement(shared_positions(scenario, time))
     moving = [name for name, base in cell.wheels.items() if base.follow != "hold"]
     steered = [name for name in moving if isinstance(cell.wheels[name].follow, Steering)]
+    if not moving:
+        return np.eye(4)
     name = (*steered, *moving)[0]
     X_WB, motion, base = cell.arms[name].base.matrix, scenario.payload_motion, cell.wheels[name]
     way, begin = motion.at(time), motion.at(0.0).X_WP_d

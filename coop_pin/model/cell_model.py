@@ -190,13 +190,7 @@ def _append_rolling(tree: pin.Model, alone: pin.Model, name: str, arm: Arm) -> p
         base.addJointFrame(joint)  # of brakes of the joints above
     base.armature = arm.wheels.rotors
     deck = add_frame(base, f"shared.{name}.deck", joint, pin.SE3.Identity())
-    for index in range(1, alone.njoints):
-        alone.names[index] = f"{name}/{alone.names[index]}"
-    for frame in alone.frames:
-        frame.name = f"{name}/{frame.name}"
-    whole = pin.appendModel(base, alone, deck, pin.SE3.Identity())
-    whole.armature = np.concatenate((base.armature, alone.armature))  # appendModel drops it
-    return append_part(tree, whole, arm.base.matrix)
+    return append_part(tree, append_arm(base, alone, name, np.eye(4), deck), arm.base.matrix)
 
 
 def _add_grasp(alone: pin.Model, arm: Arm, name: str, prefix: str = "") -> None:

@@ -42,9 +42,9 @@ def slip(theta, v):
 
 
 def test_a_platform_rolls_on_the_circle_of_its_speed_and_turn_rate():
-    """Free of forces: v / omega = 0.5 m, for one turn; it neither slides nor loses energy."""
+    """Free of forces: v / omega = 0.5 m, for half a turn; it neither slides nor loses energy."""
     chain, (v, w) = platform(0.0), (1.0, 2.0)
-    motion = chain.integrate([0.0] * 3, [v, 0.0, w], duration=np.pi, step=1e-3)
+    motion = chain.integrate([0.0] * 3, [v, 0.0, w], duration=np.pi / 2.0, step=1e-3)
     theta = w * motion.time
     circle = v / w * np.column_stack((np.sin(theta), 1.0 - np.cos(theta)))
     assert_allclose(motion.q[:, 2], theta, rtol=0, atol=1e-11)
@@ -89,9 +89,9 @@ def test_rows_of_rolling_bind_velocities_and_no_pose():
 # ---------------------------------------------------------------- arms on bases that hold one payload
 
 
-def rolling_state(name, seed=4):
+def rolling_state(name, seed=4, **fields):
     """A cell away from its start, in motion, with forces of all drives."""
-    cell, rng = rolling_cell(name), np.random.default_rng(seed)
+    cell, rng = rolling_cell(name, **fields), np.random.default_rng(seed)
     chain = CellChain(cell)
     model = chain.model.model
     q = chain.configuration(STARTS[name])
@@ -116,6 +116,9 @@ def second_formulation(cell, chain, q, v, tau):
         robot = PlanarRobot(cell, slot.name)
         M, h, X, J, drift, body, turn = robot.terms(q[base], v[base], q[slot.q_slice], v[slot.v_slice])
         assert abs(body[1]) < 1e-12
+        wheel = cell.wheels[slot.name]  # each turns at (v -+ omega track / 2) / r
+        M[0, 0] += 2.0 * wheel.wheel_inertia / wheel.wheel_radius**2
+        M[2, 2] += 0.5 * wheel.wheel_inertia * (wheel.track / wheel.wheel_radius) ** 2
         blocks.append(M)
         forces.append(np.r_[turn @ tau[base][:2], tau[base][2], tau[slot.v_slice]] - h)
         turns.append((base, slot.v_slice, turn, body))
@@ -150,9 +153,10 @@ def second_formulation(cell, chain, q, v, tau):
     return a, side
 
 
+@pytest.mark.parametrize("wheel_inertia", [0.0, 0.4])
 @pytest.mark.parametrize("name", NAMES)
-def test_accelerations_and_side_forces_are_those_of_a_second_formulation(name):
-    cell, chain, q, v, tau = rolling_state(name)
+def test_accelerations_and_side_forces_are_those_of_a_second_formulation(name, wheel_inertia):
+    cell, chain, q, v, tau = rolling_state(name, wheel_inertia=wheel_inertia, track=0.44)
     a = chain.acceleration(q, v, tau)[0]
     expected, side = second_formulation(cell, chain, q, v, tau)
     assert_allclose(a, expected, rtol=0, atol=1e-10 * np.abs(a).max())
@@ -198,14 +202,14 @@ def test_an_arm_is_told_where_its_base_is_and_sees_the_payload_there(name):
 
 
 def carry(cell, name, **fields):
-    """Carry the payload 0.1 m along and 0.05 m across the first heading, turned by 0.06 rad, in 1.2 s."""
+    """Carry the payload 0.06 m along and 0.03 m across the first heading, turned by 0.04 rad, in 0.8 s."""
     X, turned = cp.Pose.from_matrix(STARTS[name]), STARTS[name].copy()
     turned[:3] = np.column_stack(
-        (pin.utils.rotate("z", 0.06) @ turned[:3, :3], turned[:3, 3] + (0.1, 0.05, 0.0))
+        (pin.utils.rotate("z", 0.04) @ turned[:3, :3], turned[:3, 3] + (0.06, 0.03, 0.0))
     )
     goal = cp.Pose.from_matrix(turned)
-    motion = {"kind": "line", "start": X, "goal": goal, "start_time": 0.2, "duration": 1.2}
-    gains = {"planar": (800.0, 800.0, 40.0), "spatial": (3000.0, 3000.0, 3000.0, 60.0, 60.0, 60.0)}[name]
+    motion = {"kind": "line", "start": X, "goal": goal, "start_time": 0.2, "duration": 0.8}
+    gains = {"planar": (3000.0, 3000.0, 150.0), "spatial": (3000.0, 3000.0, 3000.0, 60.0, 60.0, 60.0)}[name]
     law = {"kind": "payload-space", "force_path": {"kind": "late"}}
     law["gains"] = {
         "pose_gain": 10.0,
@@ -215,7 +219,7 @@ def carry(cell, name, **fields):
         "transient_rate": 5.0,
     }
     common = {"name": "carry", "cell": cell, "controller": law, "motion": motion, "start": X}
-    common |= {"task": {"moment": 0.5}, "duration": 1.5, "clock": {"rate_hz": 500.0, "steps_per_tick": 2}}
+    common |= {"task": {"moment": 0.5}, "duration": 1.0, "clock": {"rate_hz": 500.0, "steps_per_tick": 2}}
     return cp.Scenario(**common | fields)
 
 
@@ -424,9 +428,9 @@ def test_a_way_that_wheels_do_not_roll_is_told_and_its_remedy_works(name):
 
 
 def test_wheels_that_turn_too_fast_or_would_slide_are_told():
-    scenario = led(alone_on_wheels("spatial", wheel_speed=2.0), 0.4, 0.0, 1.2)
+    scenario = led(alone_on_wheels("spatial", wheel_speed=2.0), 0.2, 0.0, 0.6)
     (finding,) = findings_of(scenario)
-    assert_allclose(finding.value, 0.4 * 1.875 / 1.2 / 0.1, rtol=0.02)  # of the quintic, over the radius
+    assert_allclose(finding.value, 0.2 * 1.875 / 0.6 / 0.1, rtol=0.02)  # of the quintic, over the radius
     turn = Steering(speed=2.0, turn_rate=4.0, duration=3.0)
     steered = one_arm("planar", follow=turn, wheel_speed=100.0).override({"duration": 3.0})
     (finding,) = findings_of(steered)
@@ -459,7 +463,7 @@ def test_a_base_that_its_arm_is_not_told_of_is_an_error_with_a_cure(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_verdict_names_wheels_that_would_slide(name):
     turn = Steering(speed=0.6, turn_rate=-0.5, duration=4.0, ramp=0.5)
-    scenario = one_arm(name, follow=turn, friction=0.02).override({"duration": 0.8})
+    scenario = one_arm(name, follow=turn, friction=0.02).override({"duration": 0.6})
     result = cp.run(scenario, warn=False)
     (slip_found,) = (breach for breach in result.task.deviations if breach.cause == "wheel slip")
     assert (slip_found.arm, slip_found.joint) == ("left", "")
@@ -469,10 +473,10 @@ def test_the_verdict_names_wheels_that_would_slide(name):
     assert_allclose(slip_found.value, force[np.argmax(force - borne)], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_law_23_takes_off_what_its_base_does(name):
     """Told of the bases, it keeps the path; without the twist of its base it is off by more."""
-    scenario = carry(rolling_cell(name), name, duration=0.9)
+    scenario = carry(rolling_cell(name), name, duration=0.6)
     gains = {"pose_gain": 8.0, "damping_gain": 60.0 if name == "planar" else (200.0,) * 3 + (20.0,) * 3}
     gains |= {"sign_gain": 0.05, "force_gain": 0.0, "transient_rate": 5.0}
     law = {"kind": "sliding-mode", "gains": gains}
@@ -481,7 +485,7 @@ def test_law_23_takes_off_what_its_base_does(name):
         sensors = {"shared_joints": {"told": told}}
         result = cp.run(scenario.replace(controller=law, sensors=sensors), warn=False)
         errors.append(moving_errors(result)[0])
-    assert errors[0] < 0.5 * errors[1]
+    assert errors[0] < 0.7 * errors[1]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -511,7 +515,7 @@ def test_what_arms_see_is_a_payload_that_their_bases_carry():
     X = scenario.start
     goal = X.replace(xyz=(X.xyz[0] + 0.5, X.xyz[1], X.xyz[2] + 0.1))
     seen = seen_by_arms(scenario.override({"motion.goal": goal}))
-    end = seen.payload_motion.at(1.5).X_WP_d
+    end = seen.payload_motion.at(1.0).X_WP_d
     assert_allclose(end[:3, 3], (*X.xyz[:2], X.xyz[2] + 0.1), rtol=0, atol=1e-9)
     assert_allclose(end[:3, :3], X.matrix[:3, :3], rtol=0, atol=1e-9)
 
