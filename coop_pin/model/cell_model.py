@@ -233,6 +233,9 @@ def _carried_tree(cell: Cell, names: Sequence[str]) -> pin.Model:
     for name in names[1:]:
         for frame in frames[1:]:
             add_frame(whole, f"{name}/{frame.name}", frame.parentJoint, frame.placement)
+    for joint in cell.shared_joints:  # of brakes of the joints above
+        index = int(whole.getJointId(f"shared.{joint}"))
+        add_frame(whole, f"shared.{joint}", index, pin.SE3.Identity())
     for name in names:
         _add_grasp(whole, cell.arms[name], name, f"{name}/")
     return whole

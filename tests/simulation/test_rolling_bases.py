@@ -202,10 +202,10 @@ def test_an_arm_is_told_where_its_base_is_and_sees_the_payload_there(name):
 
 
 def carry(cell, name, **fields):
-    """Carry the payload 0.06 m along and 0.03 m across the first heading, turned by 0.04 rad, in 0.8 s."""
+    """Carry the payload 0.04 m along and 0.02 m across the first heading, turned by 0.03 rad, in 0.8 s."""
     X, turned = cp.Pose.from_matrix(STARTS[name]), STARTS[name].copy()
     turned[:3] = np.column_stack(
-        (pin.utils.rotate("z", 0.04) @ turned[:3, :3], turned[:3, 3] + (0.06, 0.03, 0.0))
+        (pin.utils.rotate("z", 0.03) @ turned[:3, :3], turned[:3, 3] + (0.04, 0.02, 0.0))
     )
     goal = cp.Pose.from_matrix(turned)
     motion = {"kind": "line", "start": X, "goal": goal, "start_time": 0.2, "duration": 0.8}

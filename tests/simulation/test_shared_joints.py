@@ -407,6 +407,15 @@ def test_the_summary_has_lift_and_turn_and_blame_refuses_joints_that_move(tmp_pa
         cp.blame(cp.run(carry(cell, duration=0.05), warn=False))
 
 
+@pytest.mark.parametrize("name", CELLS)
+def test_brakes_hold_the_joints_of_an_arm_on_shared_ones(name, tmp_path):
+    braked = cp.events.LoseArm(arm="left", time=0.02, form="braked")
+    result = cp.run(carry(cell_of(name, tmp_path), duration=0.1, events=[braked]), warn=False)
+    angles = result.data.joint_position.sel(arm="left").values[result.data.time.values >= 0.02]
+    assert np.ptp(angles, axis=0).max() < 1e-9
+    assert result.simulation_sound
+
+
 class Pushing(ArmController):
     """Holds the cell, and pushes one joint of the left arm."""
 
