@@ -56,8 +56,6 @@ class ClosedChain(ClosedKinematics):
         solver: solver of the constrained dynamics of a state.
     """
 
-    solver: ProximalSolver | KKTSolver
-
     def __init__(
         self,
         model: pin.Model,
@@ -76,9 +74,8 @@ class ClosedChain(ClosedKinematics):
             stabilisation: Baumgarte's; 10 rad/s and critical damping when omitted.
             formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows
                 only), "kkt" (a KKT system by truncated SVD, any rows), or "auto": "proximal" for the dynamics
-                of one state if it can express the rows, otherwise and for ``integrate`` "kkt". Within an
-                integration step a motion leaves the closures slightly; the proximal method then takes
-                redundant rows of a spatial loop for independent ones and stops the mechanism.
+                of one state if it can express the rows, else and for ``integrate`` "kkt". Steps leave the
+                closures slightly, and "proximal" then takes redundant rows for independent ones and stops.
             open_allowed: closure error beyond which dynamics are refused at a configuration, m and rad. With
                 a large one, accelerations off the closures are the stabilisation's.
             rolling: wheels that roll without sliding sideways; their rows need "kkt".
@@ -98,7 +95,7 @@ class ClosedChain(ClosedKinematics):
         if formulation == "proximal" and not can_be_proximal:
             raise ArgumentError("formulation is 'proximal', of only 'full' and 'point' rows; use 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
-        self.solver = kind(model, self.closures, self.stabilisation)
+        self.solver: ProximalSolver | KKTSolver = kind(model, self.closures, self.stabilisation)
 
     @classmethod
     def from_urdf(
@@ -310,10 +307,9 @@ class ClosedChain(ClosedKinematics):
             IntegrationError: the motion diverges: the step is too long, or torque grows without bound.
             ArgumentError, ShapeError, OutOfRangeError: torque is no function, or values have wrong sizes.
         """
-        start, model, solver = ChainState(self._q(q), self._v("v", v)), self.model, self.solver
-        time = time_grid(duration, step, 8 * (model.nq + model.nv))
-        if self.formulation == "auto":
-            solver = KKTSolver(model, self.closures, self.stabilisation)
+        start, model = ChainState(self._q(q), self._v("v", v)), self.model
+        time, is_auto = time_grid(duration, step, 8 * (model.nq + model.nv)), self.formulation == "auto"
+        solver = KKTSolver(model, self.closures, self.stabilisation) if is_auto else self.solver
         require_type("project", project, bool, np.bool_)
         propagator = Propagator(model, solver, torque, self._projection if project else None)
         self.closed(start.q)

@@ -547,7 +547,8 @@ def test_what_rolling_bases_do_not_have_is_refused_with_the_reason(tmp_path):
         scenario.replace(controller=torques)
     with pytest.raises(ArgumentError, match="mobile_base"):
         cp.blame(cp.run(scenario.override({"duration": 0.02}), warn=False))
-    assert cp.Scenario.from_toml(scenario.to_toml()) == scenario
+    for commented in (False, True):
+        assert cp.Scenario.from_toml(scenario.to_toml(commented=commented)) == scenario
 
 
 def test_two_arms_of_one_robot_and_lifts_are_refused_on_wheels(tmp_path):
