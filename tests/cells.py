@@ -124,7 +124,7 @@ def cell_and_start(name: str) -> tuple[Cell, np.ndarray]:
 RIGID = [
     name
     for name, scenario in ((name, Scenario.load(name)) for name in scenario_names())
-    if not (scenario.cell.has_force_elements or scenario.cell.jointed or scenario.cell.shared_joints)
+    if not (scenario.cell.has_force_elements or scenario.cell.jointed or scenario.cell.driven)
     and "partner" not in [event.kind for event in scenario.events]
 ]
 """Scenarios of the catalogue that compiled code can run."""

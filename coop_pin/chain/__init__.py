@@ -3,7 +3,7 @@
 Open first: ``closed_chain`` (the class: assembly, motion, energy; ``closed_kinematics`` its kinematics),
 ``dynamics`` (accelerations, closure wrenches, torques of a motion), ``integrators`` (Runge-Kutta methods).
 
-- ``closure_set``: error, Jacobian and drift of one closure, and of all.
+- ``closure_set``: error, Jacobian and drift of one closure, and of all; wheels that roll.
 - Solvers of J a + gamma = 0: ``kkt_solver`` (truncated SVD), ``proximal_solver`` (Pinocchio's).
 - ``projection`` onto the closures; ``trajectory`` (a motion, step by step).
 - ``minimal_coordinates``: independent joints, reduced mass matrix and bias.
@@ -25,6 +25,7 @@ __all__, __getattr__, __dir__ = lazy_names(
         "ChainState": "chain.trajectory",
         "ClosureError": "chain.closure_set",
         "Energy": "chain.trajectory",
+        "Rolling": "chain.closure_set",
         "Trajectory": "chain.trajectory",
     },
 )

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from coop_pin.base.arrays import Array, Mask, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.closed_kinematics import CLOSED, OPEN_ALLOWED, ClosedKinematics
+from coop_pin.chain.closure_set import Rolling
 from coop_pin.chain.dynamics import (
     ChainDynamics,
     InverseDynamics,
@@ -55,8 +56,6 @@ class ClosedChain(ClosedKinematics):
         solver: solver of the constrained dynamics of a state.
     """
 
-    solver: ProximalSolver | KKTSolver
-
     def __init__(
         self,
         model: pin.Model,
@@ -65,6 +64,7 @@ class ClosedChain(ClosedKinematics):
         stabilisation: Stabilisation | None = None,
         formulation: Formulation = "auto",
         open_allowed: float = OPEN_ALLOWED,
+        rolling: Sequence[Rolling] = (),
     ) -> None:
         """Close a Pinocchio tree.
 
@@ -74,28 +74,28 @@ class ClosedChain(ClosedKinematics):
             stabilisation: Baumgarte's; 10 rad/s and critical damping when omitted.
             formulation: "proximal" (pinocchio.constraintDynamics: microseconds, "full" and "point" rows
                 only), "kkt" (a KKT system by truncated SVD, any rows), or "auto": "proximal" for the dynamics
-                of one state if it can express the rows, otherwise and for ``integrate`` "kkt". Within an
-                integration step a motion leaves the closures slightly; the proximal method then takes
-                redundant rows of a spatial loop for independent ones and stops the mechanism.
+                of one state if it can express the rows, else and for ``integrate`` "kkt". Steps leave the
+                closures slightly, and "proximal" then takes redundant rows for independent ones and stops.
             open_allowed: closure error beyond which dynamics are refused at a configuration, m and rad. With
                 a large one, accelerations off the closures are the stabilisation's.
+            rolling: wheels that roll without sliding sideways; their rows need "kkt".
 
         Raises:
-            NameNotFoundError: a frame does not exist.
+            NameNotFoundError: a frame or a joint does not exist.
             FieldError: rows are neither a known name nor six booleans.
             ArgumentError: there is no such formulation, or "proximal" cannot express the rows.
         """
-        super().__init__(model, closures, open_allowed)
+        super().__init__(model, closures, open_allowed, rolling)
         self.stabilisation = Stabilisation() if stabilisation is None else stabilisation
         require_type("stabilisation", self.stabilisation, Stabilisation)
         self.formulation = formulation
         if not isinstance(formulation, str) or formulation not in get_args(Formulation):
             raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
-        can_be_proximal = ProximalSolver.can_solve(closures)
+        can_be_proximal = ProximalSolver.can_solve(closures) and not rolling
         if formulation == "proximal" and not can_be_proximal:
             raise ArgumentError("formulation is 'proximal', of only 'full' and 'point' rows; use 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
-        self.solver = kind(model, self.closures, self.stabilisation)
+        self.solver: ProximalSolver | KKTSolver = kind(model, self.closures, self.stabilisation)
 
     @classmethod
     def from_urdf(
@@ -307,10 +307,9 @@ class ClosedChain(ClosedKinematics):
             IntegrationError: the motion diverges: the step is too long, or torque grows without bound.
             ArgumentError, ShapeError, OutOfRangeError: torque is no function, or values have wrong sizes.
         """
-        start, model, solver = ChainState(self._q(q), self._v("v", v)), self.model, self.solver
-        time = time_grid(duration, step, 8 * (model.nq + model.nv))
-        if self.formulation == "auto":
-            solver = KKTSolver(model, self.closures, self.stabilisation)
+        start, model = ChainState(self._q(q), self._v("v", v)), self.model
+        time, is_auto = time_grid(duration, step, 8 * (model.nq + model.nv)), self.formulation == "auto"
+        solver = KKTSolver(model, self.closures, self.stabilisation) if is_auto else self.solver
         require_type("project", project, bool, np.bool_)
         propagator = Propagator(model, solver, torque, self._projection if project else None)
         self.closed(start.q)

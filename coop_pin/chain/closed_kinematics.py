@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, as_array, as_number, require_type
-from coop_pin.chain.closure_set import ClosureError, ClosureSet
+from coop_pin.chain.closure_set import ClosureError, ClosureSet, Rolling
 from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm
 from coop_pin.chain.projection import STEP_ALLOWED, Projection
 from coop_pin.chain.trajectory import ChainState, Energy
@@ -34,10 +34,14 @@ class ClosedKinematics:
     """
 
     def __init__(
-        self, model: pin.Model, closures: Sequence[Closure], open_allowed: float = OPEN_ALLOWED
+        self,
+        model: pin.Model,
+        closures: Sequence[Closure],
+        open_allowed: float = OPEN_ALLOWED,
+        rolling: Sequence[Rolling] = (),
     ) -> None:
         """Close a Pinocchio tree; arguments and errors as of ClosedChain."""
-        self.closures, self.model = ClosureSet(model, closures), model
+        self.closures, self.model = ClosureSet(model, closures, rolling), model
         self.open_allowed = as_number("open_allowed", open_allowed)
         self._data = model.createData()
         self._projection = Projection(model, self.closures)

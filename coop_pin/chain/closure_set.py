@@ -14,7 +14,7 @@ from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import NameNotFoundError
 from coop_pin.description.cell.closure import Closure, RowMask
 from coop_pin.description.plant import Stabilisation
-from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, joint_id
 
 
 class ClosureKinematics(NamedTuple):
@@ -174,8 +174,35 @@ class ClosureFrame:
         drift += A.dot(data.a[self.joint].vector)
 
 
+class Rolling(NamedTuple):
+    """Wheels on an axle that roll without sliding sideways: -sin(theta) x' + cos(theta) y' = 0.
+
+    The row binds velocities alone: it has no error of position that a stabilisation could reduce.
+
+    Attributes:
+        x: name of a prismatic joint of the tree along the x axis of the ground.
+        y: name of one along its y axis.
+        yaw: name of the revolute joint on them, whose axis is through the middle of the axle.
+    """
+
+    x: str
+    y: str
+    yaw: str
+
+    def indices(self, model: pin.Model) -> tuple[int, int, int, int]:
+        """Return the entries of v of the three joints, and the entry of q of yaw.
+
+        Raises:
+            NameNotFoundError: a joint does not exist.
+        """
+        x, y, yaw = (joint_id(model, name) for name in self)
+        return int(model.idx_vs[x]), int(model.idx_vs[y]), int(model.idx_vs[yaw]), int(model.idx_qs[yaw])
+
+
 class ClosureState(NamedTuple):
     """Stacked closure errors of a state, with r rows, and their derivatives.
+
+    Rows of wheels come last: their e is zero, and e' is the speed at which they slide sideways.
 
     Attributes:
         position: e, m and rad, shape (r,).
@@ -220,14 +247,17 @@ class ClosureSet:
     Attributes:
         closures: closures in the order of the constructor.
         sides: frames a and b of each closure.
+        rolling: wheels that roll.
         rows: total number of rows r.
     """
 
-    def __init__(self, model: pin.Model, closures: Sequence[Closure]) -> None:
-        """Find the frames of all closures.
+    def __init__(
+        self, model: pin.Model, closures: Sequence[Closure], rolling: Sequence[Rolling] = ()
+    ) -> None:
+        """Find the frames of all closures, and the joints of all wheels.
 
         Raises:
-            NameNotFoundError: a frame does not exist.
+            NameNotFoundError: a frame or a joint does not exist.
         """
         require_type("model", model, pin.Model)
         require_type("closures", closures, Sequence)
@@ -240,7 +270,8 @@ class ClosureSet:
         ]
         self._errors = [error_function(c) for c in self.closures]
         self._sizes = [sum(c.mask) for c in self.closures]
-        self.rows = sum(self._sizes)
+        self.rolling, self._wheels = tuple(rolling), [each.indices(model) for each in rolling]
+        self.rows = sum(self._sizes) + len(self._wheels)
         self._model, self._data = model, model.createData()
         self._still = np.zeros(model.nv)
 
@@ -259,6 +290,10 @@ class ClosureSet:
             wrench_map[index, :, rows] = error.A_a.T
             a.add_jacobian(error.A_a, model, data, jacobian[rows], drift[rows])
             b.add_jacobian(error.A_b, model, data, jacobian[rows], drift[rows])
+        for row, (x, y, yaw, theta) in enumerate(self._wheels, first):
+            sine, cosine = math.sin(q[theta]), math.cos(q[theta])
+            jacobian[row, x], jacobian[row, y] = -sine, cosine
+            drift[row] = -v[yaw] * (cosine * v[x] + sine * v[y])
         return ClosureState(position, jacobian.dot(v), jacobian, drift, wrench_map)
 
     def closure_errors(self, q: Array) -> list[ClosureError]:

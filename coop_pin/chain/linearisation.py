@@ -78,7 +78,11 @@ def linearised(
         tau: generalised force, shape (nv,).
         joints: independent joints; of the best condition when None.
         output: function of (q, v), shape (p,).
+
+    Raises:
+        ArgumentError: wheels roll.
     """
+    form.require_positions()
     (q, v), coordinates = state, form.coordinates(state.q, joints)
     indices, d = coordinates.indices, len(coordinates.indices)
     names = form.joints(coordinates)

@@ -85,6 +85,18 @@ class MinimalForm:
         joints = [(index, model.joints[index]) for index in range(1, model.njoints)]
         self._names = {int(joint.idx_v): model.names[index] for index, joint in joints if joint.nv == 1}
 
+    def require_positions(self) -> None:
+        """Refuse wheels that roll: they leave more positions free than velocities.
+
+        Raises:
+            ArgumentError: there are some.
+        """
+        if self._closures.rolling:
+            raise ArgumentError(
+                "a linear model has as many positions as velocities, and wheels that roll leave more; park"
+                " the base (follow = 'parked'), or leave out the rows of rolling"
+            )
+
     def indices(self, names: Sequence[str]) -> Indices:
         """Return the entries of v of joints with one degree of freedom each.
 

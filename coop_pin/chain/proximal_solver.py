@@ -112,6 +112,8 @@ def require_full_rows(closures: ClosureSet, state: ClosureState, rank: int) -> N
     Raises:
         ArgumentError: a closure has other rows than "full", or rows that joints move are redundant.
     """
+    if closures.rolling:
+        raise ArgumentError("wheels roll, whose rows are not those of closures; use forward_dynamics")
     partial = [closure.name for closure in closures.closures if not all(closure.mask)]
     if partial:
         raise ArgumentError(f"the rows of closure {partial[0]!r} are not 'full'; use linearise")

@@ -186,6 +186,8 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
         return f"the grasps of {list(cell.jointed)} are joints; compiled plants have springs and rigid grasps"
     if cell.shared_joints:
         return f"its shared joints {list(cell.shared_joints)} have drives, which compiled plants do not have"
+    if cell.wheels:
+        return f"the bases of {list(cell.wheels)} roll on wheels, which compiled plants do not have"
     if cell.has_contacts:
         names = [*cell.patches, *cell.tables]
         return f"the contacts {names} have friction; compiled plants have springs and rigid grasps"

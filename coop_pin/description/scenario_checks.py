@@ -30,8 +30,8 @@ def controller_problems(controller: Controller, earlier: Mapping[str, Any]) -> l
     if "cell" not in earlier or earlier.get("beyond_bound"):
         return []
     cell = earlier["cell"]
-    if cell.shared_joints and {"model", "regressor"} & {*controller.needs}:
-        moved = f"computes with models of arms that do not move, and the cell has {[*cell.shared_joints]}"
+    if cell.driven and {"model", "regressor"} & {*controller.needs}:
+        moved = f"computes with models of arms that do not move, and the cell has {[*cell.driven]}"
         return [FieldError(f"is {controller.kind!r}, which {moved}; choose 'payload-space'", "kind")]
     return list(controller.problems(CellTiming(list(cell.arms), cell.task_rows.size)))
 

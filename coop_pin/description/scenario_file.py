@@ -21,6 +21,7 @@ from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.schema.pose import POSE_MEANINGS, Pose
 from coop_pin.base.user_files import parse_toml, read_toml
 from coop_pin.description.catalogue import scenario_file, scenario_names
+from coop_pin.description.cell.differential_base import DifferentialBase
 from coop_pin.description.cell.payload import Payload
 
 # tomli_w writes one number per line. No string can match: it writes those on one line.
@@ -182,7 +183,7 @@ def _without_none(value: Any) -> Any:
 
 
 def _stated(value: Any, dumped: Any) -> Any:
-    """Return what is dumped of a value without fields at their defaults; a ``kind`` stays."""
+    """Return what is dumped of a value without fields at their defaults; a kind stays."""
     if _is_box(value):
         return {"kind": "box", "mass": dumped["mass"], "size": dumped["size"]}
     if isinstance(value, Pose) and any(value.rpy[:2]) and Pose(**value.by_axis()) == value:
@@ -203,7 +204,8 @@ def _is_box(value: Any) -> bool:
 
 def _at_defaults(value: BaseModel) -> list[str]:
     """Return the names of the fields that are at their defaults."""
-    return [name for name in fields_of(value) if name not in {"kind", *stated(value)}]
+    kind = "drive" if isinstance(value, DifferentialBase) else "kind"
+    return [name for name in fields_of(value) if name not in {kind, *stated(value)}]
 
 
 def _comments(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tuple[str, str]]:

@@ -206,7 +206,7 @@ class Sensors(Description):
         holding_torque_error: relative error of the holding torques that the drives report, one value for all
             drives or one for each.
         slip: sensor of the slip of the arm's patch; ideal when omitted.
-        shared_joints: sensor of the shared joints under the arm, a table or "not told".
+        shared_joints: sensor of the shared joints or the rolling base under the arm, a table or "not told".
     """
 
     encoder: Encoder = Encoder()

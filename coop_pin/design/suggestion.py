@@ -137,9 +137,13 @@ def suggest(
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
     poses = as_fitting_count("poses", poses, 5, POSE_SIZE)
-    if scenario.cell.shared_joints:
+    if scenario.cell.driven:
         seen = suggest(seen_by_arms(scenario), poses=poses, table_error=table_error)
-        cell = seen.scenario.cell.replace(shared_joints=scenario.cell.shared_joints)
+        arms = {
+            name: arm.replace(mobile_base=scenario.cell.arms[name].mobile_base)
+            for name, arm in seen.scenario.cell.arms.items()
+        }
+        cell = seen.scenario.cell.replace(shared_joints=scenario.cell.shared_joints, arms=arms)
         return replace(seen, scenario=seen.scenario.replace(cell=cell, motion=scenario.motion))
     cell, pressed = scenario.cell, tuple[str, ...]()
     if cell.payload.links is not None:

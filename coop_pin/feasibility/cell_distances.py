@@ -140,8 +140,8 @@ class CellDistances:
             if (is_fixed or is_shared) and not is_first:
                 continue
             mover = f"shared.{shape.joint}" if is_shared else f"{name}/{shape.joint}"
-            joint = 0 if is_fixed else joint_id(self._model, mover)
-            pose = X_WB * pin.SE3(shape.pose) if is_fixed else pin.SE3(shape.pose)
+            joint = self._tree.root_joint(name) if is_fixed else joint_id(self._model, mover)
+            pose = X_WB * pin.SE3(shape.pose) if joint == 0 else pin.SE3(shape.pose)
             self._add(_Shape(f"{name}/{shape.link}", robot, shape.link, joint), pose, shape.geometry)
 
     def _add(self, shape: _Shape, pose: pin.SE3, geometry: object) -> None:

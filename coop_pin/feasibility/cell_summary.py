@@ -136,22 +136,48 @@ class SharedSummary(NamedTuple):
         )
 
 
+class WheelSummary(NamedTuple):
+    """Base of an arm that rolls.
+
+    Attributes:
+        arm: name of the arm.
+        mass: mass of the platform, kg.
+        follow: reference of the base: "hold", "payload" or "steering".
+        friction: friction of its wheels on the ground.
+    """
+
+    arm: str
+    mass: float
+    follow: str
+    friction: float
+
+    def __str__(self) -> str:
+        """Return it as a line."""
+        law = {"hold": "holds", "payload": "follows the payload", "steering": "makes a stated way"}
+        return (
+            f"base of {self.arm} on two wheels: {self.mass:g} kg, friction {self.friction:g}; it"
+            f" {law[self.follow]}"
+        )
+
+
 class CellSummary(NamedTuple):
     """Summary of a cell at a payload pose.
 
     Attributes:
         arms: summaries in the order of the cell.
         shared: shared joints, from the root of the robot on.
+        wheels: bases that roll.
         payload: the held object.
         gravity: m/s^2.
         task_rows: name of the cell's task rows.
-        closure_rows: number of rows of all grasps, six for each arm.
+        closure_rows: number of rows of all grasps, six for each arm, and one of each base that rolls.
         rank: number of independent closure rows.
         freedom: degrees of freedom: joints, shared ones too, plus six of the payload minus rank.
     """
 
     arms: tuple[ArmSummary, ...]
     shared: tuple[SharedSummary, ...]
+    wheels: tuple[WheelSummary, ...]
     payload: Payload
     gravity: tuple[float, float, float]
     task_rows: str
@@ -168,7 +194,7 @@ class CellSummary(NamedTuple):
         lines = (
             f"cell: {len(self.arms)} arms, {joints} joints{shared}, gravity {_numbers(self.gravity)} m/s^2,"
             f" task rows {self.task_rows!r}",
-            *(f"├─ {joint}" for joint in self.shared),
+            *(f"├─ {each}" for each in (*self.shared, *self.wheels)),
             *(line for arm in self.arms for line in _arm_lines(arm)),
             f"├─ payload: {self.payload.mass:g} kg, {shape}",
             f"└─ closures: {self.closure_rows} rows, rank {self.rank} ({redundant} redundant);"
@@ -195,6 +221,12 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
     return CellSummary(
         arms,
         _shared_summaries(cell, chain),
+        tuple(
+            WheelSummary(
+                name, base.mass, base.follow if isinstance(base.follow, str) else "steering", base.friction
+            )
+            for name, base in cell.wheels.items()
+        ),
         cell.payload,
         cell.gravity,
         cell.rows,

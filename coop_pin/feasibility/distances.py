@@ -13,7 +13,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.description.scenario import Scenario
-from coop_pin.feasibility.carried_motion import seen_by_arms, shared_positions
+from coop_pin.feasibility.carried_motion import displacement, seen_by_arms, shared_positions
 from coop_pin.feasibility.cell_distances import CellDistances, Exemption
 from coop_pin.feasibility.reachability import Reachability, reachability
 from coop_pin.model.cell_arm import CellArm
@@ -131,16 +131,17 @@ def distances(
         UrdfError, NameNotFoundError, FileReadError: as of ``reachability``.
     """
     require_type("scenario", scenario, Scenario)
-    seen, carrier = seen_by_arms(scenario), scenario.cell.carrier
+    seen = seen_by_arms(scenario)
     reach = reachability(seen, poses=poses) if cell_reach is None else cell_reach
     bodies, first = CellDistances(scenario.cell), CellArm(seen.cell, reach.arms[0].arm)
     count = min(len(arm.q) for arm in reach.arms)
     times = reach.arms[0].times[:count]
     configurations = [[arm.q[k] for arm in reach.arms] for k in range(count)]
     payload, shared = [first.payload_pose(q[0]) for q in configurations], None
-    if carrier is not None:
+    if scenario.cell.carriers:
         shared = [shared_positions(scenario, float(time)) for time in times]
-        payload = [carrier.displacement(r) @ X for r, X in zip(shared, payload, strict=True)]
+        moved = (displacement(scenario, float(time)) for time in times)
+        payload = [D @ X for D, X in zip(moved, payload, strict=True)]
     return measured(scenario, bodies, times, configurations, payload, shared)
 
 

@@ -123,7 +123,7 @@ class CellChain(CellDynamics):
         return CellTorques(solution.torque, F, solution.rank)
 
     def shared_statics(self, q: Array, loads: Array) -> tuple[Array, Array]:
-        """Return tau_0, which holds the shared joints at rest, and the inertia I that each moves, shape (n,).
+        """Return tau_0, which holds the joints under arms at rest, and the inertia I that each moves, (n,).
 
         tau_0 = g - sum_i J_s^T F_i and I = M + sum_i c_i J_s^T M_0 J_s, over the arms that they carry.
 
@@ -131,18 +131,20 @@ class CellChain(CellDynamics):
             q: configuration, shape (nq,).
             loads: F_i on each arm at rest about P in world axes, shape (m, 6).
         """
-        tree, carrier, X_WP = self.model, self.model.carrier, self.payload_pose(q)
-        assert carrier is not None
+        tree, carriers, X_WP = self.model, self.cell.carriers, self.payload_pose(q)
         alone, rows = tree.model.copy(), [slot.v_slice.start for slot in tree.shared]
         alone.inertias[tree.payload_joint] = tree.carrier_inertia
-        data = alone.createData()
+        data, payload = alone.createData(), self.cell.payload
         g = pin.computeGeneralizedGravity(alone, data, q)[rows]
         M = np.diag(symmetric(pin.crba(alone, data, q)))[rows]
-        J, payload = about(X_WP[:3, 3], carrier.screws), self.cell.payload
         M_0 = spatial_inertia(payload.mass, payload.inertia_matrix, X_WP[:3, :3])
-        carries = np.array([name in carrier.arms for name in self.cell.arms], dtype=float)
-        inertia = M + self.cell.shares @ carries * np.einsum("ni,ij,nj->n", J, M_0, J)
-        return g - J @ (carries @ loads), inertia
+        held, added = [], []
+        for carrier in carriers:
+            J = about(X_WP[:3, 3], carrier.screws)
+            carries = np.array([name in carrier.arms for name in self.cell.arms], dtype=float)
+            held.append(J @ (carries @ loads))
+            added.append(self.cell.shares @ carries * np.einsum("ni,ij,nj->n", J, M_0, J))
+        return g - np.concatenate(held), M + np.concatenate(added)
 
     def friction(self, v: ArrayLike) -> Array:
         """Return the generalised force of joint friction at velocities, N m, shape (..., nv).

@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, as_array, require_finite, shaped
+from coop_pin.base.spatial import exp3
 from coop_pin.grasps.cell_kinematics import CellKinematics
 from coop_pin.grasps.contact_patches import ContactState
 from coop_pin.grasps.observation import Observation, PayloadState, payload_quantities
@@ -44,7 +45,7 @@ class CellDynamics(CellKinematics):
         if not elements.elements:
             return closed.solver.acceleration(q, v, tau), 0.0
         power = elements.act(q, v)
-        if closed.closures.closures:
+        if closed.closures.rows:
             return closed.solver.acceleration(q, v, tau + elements.force(q)), power
         return pin.aba(closed.model, self._free_data, q, v, tau, elements.wrenches), power
 
@@ -153,27 +154,40 @@ class CellDynamics(CellKinematics):
         )
 
     def _of_shared(self, q: Array, v: Array, wrenches: Array) -> dict[str, Any]:
-        """Return positions and rates of the shared joints, and the wrench of the floor on their robot.
+        """Return positions and rates of the joints under arms, and what the floor does to their robots.
 
         F_floor = sum_b d/dt h_b - sum_i F_i - weights, over the bodies of the robot and the arms that it has.
         """
-        tree, frames, carrier = self.model, self._frames, self.model.carrier
-        assert carrier is not None
-        first, P = tree.shared[0].joint, frames.payload.translation
-        pin.rnea(tree.model, self._free_data, q, v, frames.acceleration)
-        floor = self._free_data.liMi[first].act(self._free_data.f[first])  # its parent is the world
-        if {*tree.closed_by_tree} & {*carrier.arms}:  # the payload is in an arm's hand
-            floor -= frames.payload.act(pin.Force(frames.payload_balance()))
-        for arm, F in zip(tree.arms, wrenches, strict=True):
-            if arm.name in carrier.arms:
-                floor -= pin.SE3(np.eye(3), P).act(pin.Force(F))
-        weight = pin.Force(tree.fixed.mass * tree.model.gravity.linear, np.zeros(3))
-        floor -= pin.SE3(np.eye(3), tree.fixed.lever).act(weight)
-        return {
+        tree = self.model
+        pin.rnea(tree.model, self._free_data, q, v, self._frames.acceleration)
+        quantities: dict[str, Any] = {
             "shared_position": np.array([each.angles.of(q[each.q_slice])[0] for each in tree.shared]),
             "shared_velocity": np.array([v[each.v_slice.start] for each in tree.shared]),
-            "floor_wrench": floor.vector,
         }
+        if tree.carrier is not None:
+            floor = self._on_floor(tree.shared[0].joint, tree.carrier.arms, wrenches)
+            weight = pin.Force(tree.fixed.mass * tree.model.gravity.linear, np.zeros(3))
+            floor -= pin.SE3(np.eye(3), tree.fixed.lever).act(weight)
+            quantities["floor_wrench"] = floor.vector
+        if tree.wheels:
+            forces = []
+            for name, (x, _, yaw) in tree.wheels.items():
+                turned = exp3(np.array((0.0, 0.0, q[yaw.q_slice.start])))
+                R = self.cell.arms[name].base.matrix[:3, :3] @ turned
+                forces.append(R.T @ self._on_floor(x.joint, (name,), wrenches).linear)
+            quantities["wheel_force"] = np.array(forces)
+        return quantities
+
+    def _on_floor(self, first: int, arms: Sequence[str], wrenches: Array) -> pin.Force:
+        """Return the wrench of the floor on bodies from a first joint on, about the world's origin."""
+        tree, P = self.model, self._frames.payload.translation
+        floor = self._free_data.liMi[first].act(self._free_data.f[first])  # its parent is the world
+        if {*tree.closed_by_tree} & {*arms}:  # the payload is in an arm's hand
+            floor -= self._frames.payload.act(pin.Force(self._frames.payload_balance()))
+        for arm, F in zip(tree.arms, wrenches, strict=True):
+            if arm.name in arms:
+                floor -= pin.SE3(np.eye(3), P).act(pin.Force(F))
+        return floor
 
     def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> dict[str, Any]:
         """Return the quantities of compliant grasps and contacts by name; none without any."""

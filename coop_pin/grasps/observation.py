@@ -51,6 +51,8 @@ class Observation(NamedTuple):
         payload_joint_velocity: their rates, rad/s or m/s, likewise.
         payload_joint_force: forces of their springs, dampers, friction and stops, N m or N, likewise.
         payload_joint_energy: energy in their springs and stops, J, shape (...); likewise.
+        wheel_force: force of the ground on each of b bases that roll: ahead, to the left, up, N, shape
+            (..., b, 3); None without any.
     """
 
     payload_pose: Array
@@ -80,6 +82,7 @@ class Observation(NamedTuple):
     payload_joint_velocity: Array | None = None
     payload_joint_force: Array | None = None
     payload_joint_energy: Array | None = None
+    wheel_force: Array | None = None
 
 
 class PayloadState(NamedTuple):

@@ -10,6 +10,7 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.chain.closed_chain import ClosedChain
+from coop_pin.chain.closure_set import Rolling
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.closure import Closure
@@ -51,7 +52,7 @@ class RigidGrasps:
             closed elsewhere.
         brakes: closures of the joints that a brake holds.
         joints: X_EC of the grasps that are joints, by index of their arms; wrenches of closures are about C.
-        mechanism: the tree with the closures of those that hold, brakes last.
+        mechanism: the tree with the closures of those that hold, brakes last, and the wheels of bases.
     """
 
     def __init__(self, cell: Cell, tree: CellModel, options: PlantOptions) -> None:
@@ -95,6 +96,10 @@ class RigidGrasps:
             [*grasps, *self.brakes],
             stabilisation=options.stabilisation,
             formulation=options.formulation,
+            rolling=[
+                Rolling(*(str(self._tree.model.names[slot.joint]) for slot in places))
+                for places in self._tree.wheels.values()
+            ],
         )
 
     def _closure(self, name: str, X_GE: Array | None) -> Closure:

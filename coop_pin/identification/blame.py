@@ -104,6 +104,7 @@ def _require_views(scenario: Scenario) -> None:
     """Refuse cells whose arms do not see the payload by their joints alone."""
     cell = scenario.cell
     moving = [name for name, joint in cell.shared_joints.items() if joint.follow != "hold"]
+    moving += [f"{name}.mobile_base" for name in cell.wheels]
     for names, detail in (
         (list(cell.jointed), "grasps of {} are joints, whose turn no log has"),
         (list(cell.tools), "tips of {} are tools beside it"),

@@ -94,7 +94,8 @@ class CellModel:
         model: the Pinocchio model.
         arms: position of each arm in the tree.
         carrier: shared joints with the arms that they carry; None without any.
-        shared: position of each shared joint, from the root on.
+        shared: position of each shared joint, from the root on, or of x, y and yaw of each base that rolls.
+        wheels: positions of x, y and yaw of each base that rolls, by the name of its arm.
         fixed: inertia of the fixed part of the robot on shared joints, in world axes; none without any.
         closed_by_tree: names of the arms whose grasp is a weld in the tree (the first one with a rigid grasp,
             if the payload is welded).
@@ -144,7 +145,9 @@ class CellModel:
                 held, X_JE = self.linked.held(link, inverse_pose(links.pose(link)) @ cell.grasps[name].matrix)
             add_frame(model, f"payload/{name}", held, X_JE)
         self.arms = tuple(_place(model, name, cell) for name in cell.arms)
-        self.shared = _shared_places(model, cell, self.carrier)
+        self.wheels = {name: _wheel_places(model, name) for name in cell.wheels}
+        rolling = (place for places in self.wheels.values() for place in places)
+        self.shared = (*_shared_places(model, cell, self.carrier), *rolling)
         self.surround(cell.surroundings)
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -153,6 +156,10 @@ class CellModel:
         self.payload_inertia = pin.Inertia(surroundings.mass, np.zeros(3), surroundings.inertia)
         self.model.inertias[self.payload_joint] = self.carrier_inertia + self._X_JP.act(self.payload_inertia)
         self.model.gravity.linear = surroundings.gravity
+
+    def root_joint(self, arm: str) -> int:
+        """Return the joint that carries the root link of an arm: the world, 0, or the yaw of its base."""
+        return self.wheels[arm][-1].joint if arm in self.wheels else 0
 
     def configuration(self, arm_configurations: list[Array], X_WP: Array) -> Array:
         """Return q of the tree from each arm's configuration and the payload pose X_WP."""
@@ -177,12 +184,28 @@ def _arms_tree(cell: Cell, carrier: SharedJoints | None) -> tuple[pin.Model, pin
         if name not in carried:
             alone = load_arm_model(arm)
             _add_grasp(alone, arm, name)
-            model = append_arm(model, alone, name, arm.base.matrix)
+            if arm.wheels is not None:
+                model = _append_rolling(model, alone, name, arm)
+            else:
+                model = append_arm(model, alone, name, arm.base.matrix)
         elif name == carried[0]:
             whole, X_WB = _carried_tree(cell, carried), arm.base.matrix
             fixed = pin.SE3(X_WB).act(whole.inertias[0])
             model = append_part(model, whole, X_WB)
     return model, fixed
+
+
+def _append_rolling(tree: pin.Model, alone: pin.Model, name: str, arm: Arm) -> pin.Model:
+    """Return the tree with an arm on a rolling base added: x, y and yaw in axes of B, then its joints."""
+    assert arm.wheels is not None
+    base, joint = pin.Model(), 0
+    axes = zip(("x", "y", "yaw"), (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelRZ()), strict=True)
+    for axis, kind in axes:
+        joint = base.addJoint(joint, kind, pin.SE3.Identity(), f"shared.{name}.base_{axis}")
+        base.addJointFrame(joint)  # of brakes of the joints above
+    base.armature = arm.wheels.rotors
+    deck = add_frame(base, f"shared.{name}.deck", joint, pin.SE3.Identity())
+    return append_part(tree, append_arm(base, alone, name, np.eye(4), deck), arm.base.matrix)
 
 
 def _add_grasp(alone: pin.Model, arm: Arm, name: str, prefix: str = "") -> None:
@@ -225,6 +248,9 @@ def _carried_tree(cell: Cell, names: Sequence[str]) -> pin.Model:
     for name in names[1:]:
         for frame in frames[1:]:
             add_frame(whole, f"{name}/{frame.name}", frame.parentJoint, frame.placement)
+    for joint in cell.shared_joints:  # of brakes of the joints above
+        index = int(whole.getJointId(f"shared.{joint}"))
+        add_frame(whole, f"shared.{joint}", index, pin.SE3.Identity())
     for name in names:
         _add_grasp(whole, cell.arms[name], name, f"{name}/")
     return whole
@@ -250,6 +276,16 @@ def _shared_places(model: pin.Model, cell: Cell, carrier: SharedJoints | None) -
                 resistance if has_friction else (0.0, 0.0),
             )
         )
+    return tuple(places)
+
+
+def _wheel_places(model: pin.Model, name: str) -> tuple[SharedPlace, ...]:
+    """Return the positions of x, y and yaw of a rolling base in the tree."""
+    places = []
+    for axis in ("x", "y", "yaw"):
+        index = int(model.getJointId(f"shared.{name}.base_{axis}"))
+        q, v, angles = int(model.idx_qs[index]), int(model.idx_vs[index]), JointAngles(model, (index,))
+        places.append(SharedPlace(index, slice(q, q + 1), slice(v, v + 1), angles, 0.0, np.inf, (0.0, 0.0)))
     return tuple(places)
 
 

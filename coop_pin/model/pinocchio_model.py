@@ -82,19 +82,22 @@ def add_frame(model: pin.Model, name: str, joint: int, X_joint_frame: pin.SE3) -
     return int(model.addFrame(pin.Frame(name, joint, 0, X_joint_frame, pin.FrameType.OP_FRAME)))
 
 
-def append_arm(tree: pin.Model, arm: pin.Model, prefix: str, X_WB: Array) -> pin.Model:
-    """Return the tree with an arm based at X_WB added, its joints and frames named ``prefix/name``."""
+def append_arm(tree: pin.Model, arm: pin.Model, prefix: str, X_WB: Array, mount: int = 0) -> pin.Model:
+    """Return the tree with an arm based at X_WB on a mount added, all of it named ``prefix/name``."""
     named = arm.copy()
     for joint in range(1, named.njoints):
         named.names[joint] = f"{prefix}/{named.names[joint]}"
     for frame in named.frames:
         frame.name = f"{prefix}/{frame.name}"
-    return append_part(tree, named, X_WB)
+    return append_part(tree, named, X_WB, mount)
 
 
-def append_part(tree: pin.Model, part: pin.Model, X_WB: Array) -> pin.Model:
-    """Return the tree with a part based at X_WB added, its names as they are."""
-    joined = pin.appendModel(tree, part, 0, pin.SE3(X_WB))
+def append_part(tree: pin.Model, part: pin.Model, X_WB: Array, mount: int = 0) -> pin.Model:
+    """Return the tree with a part based at X_WB on a mount added, its names as they are.
+
+    The mount is a frame: the world's, 0, or one on the last joint.
+    """
+    joined = pin.appendModel(tree, part, mount, pin.SE3(X_WB))
     joined.gravity = tree.gravity  # appendModel resets it to the Earth's
     joined.armature = np.concatenate((tree.armature, part.armature))  # appendModel drops it
     return joined

@@ -92,12 +92,12 @@ class CellVisuals:
             if kind not in by_kind:
                 by_kind[kind] = _visuals_by_joint(arm, {*itertools.chain(*siblings.values())})
             for joint, visuals in by_kind[kind].items():
-                moving = joint != "universe"
+                moving, root = joint != "universe", cell_model.root_joint(name)
                 if not moving and any(f"{other}/base" in drawn for other in siblings):
                     continue  # the robot's fixed part
-                if not moving:
+                if not moving and root == 0:
                     self._base_poses[len(self.bodies)] = pin.SE3ToXYZQUAT(pin.SE3(arm.base.matrix))
-                self._joints.append(joint_id(self._model, f"{name}/{joint}") if moving else 0)
+                self._joints.append(joint_id(self._model, f"{name}/{joint}") if moving else root)
                 self.bodies += (Body(f"{name}/{joint if moving else 'base'}", visuals),)
                 drawn.add(self.bodies[-1].name)
         if cell.payload.links is not None:

@@ -19,6 +19,7 @@ Cause = Literal[
     "torque cut",
     "slip",
     "friction",
+    "wheel slip",
     "closure error",
     "energy",
     "position",
@@ -39,6 +40,8 @@ _TEXTS: dict[Cause, str] = {
     " ({value:.3g} s at a stretch, allowed {allowed:.3g} s)",
     "slip": "{who} patch slides from {time:.4g} s (by {value:.2g} m, allowed {allowed:.2g} m)",
     "friction": "{who} pad would slip from {time:.4g} s (needs {value:.3g} of its friction)",
+    "wheel slip": "{who} wheels would slide from {time:.4g} s (the ground holds them with {value:.4g} N,"
+    " their friction bears {allowed:.4g} N)",
     "closure error": "{who} grasp open from {time:.4g} s (by {value:.2g} m or rad, allowed {allowed:.2g})",
     "energy": "energy not explained by work from {time:.4g} s (by {value:.2g} J, allowed {allowed:.2g} J)",
     "position": "position off from {time:.4g} s (by {value:.3g} m, allowed {allowed:.3g} m)",

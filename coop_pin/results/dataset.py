@@ -103,8 +103,10 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
     }
     if scenario.cell.has_contacts:
         labels["patch"] = np.array([*scenario.cell.patches, *scenario.cell.tables])
-    if (carrier := scenario.cell.carrier) is not None:
-        labels["shared"] = np.array(carrier.joints)
+    if joints := scenario.cell.driven:
+        labels["shared"] = np.array(joints)
+    if wheels := scenario.cell.wheels:
+        labels["base"] = np.array([*wheels])
     if (links := scenario.cell.payload.links) is not None:
         labels["payload_joint"] = np.array(list(links.start))
     coordinates = _coordinates(labels)

@@ -21,6 +21,7 @@ Kind = Literal[
     "grasp plan",
     "pad",
     "shared joint",
+    "rolling base",
     "record size",
     "reach",
     "closure rank",

@@ -248,10 +248,12 @@ QUANTITIES = (
     Quantity("partner_deflection", "axis", "m, rad", "of the handle from the partner's point, in its axes",
              group="partner"),
     Quantity("partner_energy", "", "J", "in the partner's spring", group="partner"),
-    Quantity("shared_position", "shared", "m or rad", "of each shared joint", group="shared"),
+    Quantity("shared_position", "shared", "m or rad", "of each joint under arms", group="shared"),
     Quantity("shared_velocity", "shared", "m/s or rad/s", "rate of each", group="shared"),
     Quantity("shared_force", "shared", "N or N m", "of the drive of each, as it acts", group="shared"),
-    Quantity("floor_wrench", "axis", "N, N m", "of the floor on that robot, about the world", group="shared"),
+    Quantity("floor_wrench", "axis", "N, N m", "of the floor on that robot, about the world", group="floor"),
+    Quantity("wheel_force", "base position", "N", "of the ground on each base that rolls: ahead, left, up",
+             group="wheels"),
     Quantity("messages_sent", "arm", "1", "messages of each arm since the start, to all that hear it",
              read=_sent("messages"), fill=0.0, group="network"),
     Quantity("bytes_sent", "arm", "B", "bytes of them, 8 for each number",
@@ -301,7 +303,9 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "tools": lambda scenario: bool(scenario.cell.tools),
     "links": lambda scenario: scenario.cell.payload.links is not None,
     "partner": lambda scenario: bool(scenario.partners),
-    "shared": lambda scenario: bool(scenario.cell.shared_joints),
+    "shared": lambda scenario: bool(scenario.cell.driven),
+    "floor": lambda scenario: bool(scenario.cell.shared_joints),
+    "wheels": lambda scenario: bool(scenario.cell.wheels),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
     "stops": lambda scenario: any(arm.stops is not None for arm in scenario.cell.arms.values()),
@@ -310,7 +314,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))
         or any(arm.calibration_error != Miscalibration() for arm in scenario.cell.arms.values())
-        or bool(scenario.cell.unclosed or scenario.grasp_events or scenario.cell.shared_joints)
+        or bool(scenario.cell.unclosed or scenario.grasp_events or scenario.cell.driven)
     ),
     "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
     "force path": lambda scenario: (

@@ -224,46 +224,6 @@ def _closed_loop(scenario: Scenario) -> Iterator[Finding]:
         yield _of("closed loop", slot, loop, loop.radius, 1.0)
 
 
-def shared_joint_findings(scenario: Scenario) -> Iterator[Finding]:
-    """Yield what arms are not told of shared joints that move, and servos that are too fast for the ticks.
-
-    A joint that no arm is told of moves the payload with it, while every arm sees itself on its path and no
-    internal force shows it; told to some arms alone, it makes internal forces.
-    """
-    cell, carrier, T = scenario.cell, scenario.cell.carrier, scenario.clock.period
-    for name in () if carrier is None else carrier.joints:
-        joint, field = cell.shared_joints[name], f"cell.shared_joints.{name}"
-        w = joint.bandwidth
-        A, b = np.array([[1.0, T], [0.0, 1.0]]), np.array([[T * T / 2.0], [T]])
-        radius = np.abs(np.linalg.eigvals(A - b @ [[w * w, 2.0 * joint.damping_ratio * w]])).max()
-        if radius > 1.0:
-            sentence = f"the servo of {name!r} is unstable at {1.0 / T:g} Hz: spectral radius {radius:.3g}"
-            remedy = {f"{field}.bandwidth": 0.25 / T}
-            yield Finding("shared joint", field, "error", sentence, float(radius), 1.0, remedy)
-    if carrier is None or all(joint.follow == "hold" for joint in cell.shared_joints.values()):
-        return
-    told = {name: scenario.sensors_of(name).shared_joints for name in carrier.arms}
-    paths = {name: f"arm_sensors.{name}" if name in scenario.arm_sensors else "sensors" for name in told}
-    untold = [name for name in told if told[name].told == "nothing"]
-    others = [name for name in told if name not in untold]
-    if untold:
-        effect = (
-            f"while {others} are: internal forces, of hundreds of newtons on rigid grasps"
-            if others
-            else "the payload goes with it, every arm sees itself on its path, and no internal force shows it"
-        )
-        sentence = f"{untold} are not told that {list(carrier.joints)} move; {effect}"
-        cure = {f"{paths[name]}.shared_joints.told": "all" for name in untold}
-        yield Finding("shared joint", "sensors.shared_joints", "error", sentence, len(untold), 0, cure)
-    late = {sensor.delay for sensor in told.values()}
-    if not untold and (len(late) > 1 or any(sensor.told == "position" for sensor in told.values())):
-        sentence = (
-            f"the arms are told of {list(carrier.joints)} with different delays, {sorted(late)} ticks, or"
-            " without the rate: internal forces while it moves"
-        )
-        yield Finding("shared joint", "sensors.shared_joints", "warning", sentence, max(late), min(late))
-
-
 def lost_arm_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
     """Yield arms whose loss the others do not bear: an error where the scenario plans to lose them.
 

@@ -22,6 +22,7 @@ from coop_pin.feasibility.reachability import reachability
 from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR
 from coop_pin.results.finding import LEFT_TO_CHECK, Finding, Findings, Kind, sorted_findings
+from coop_pin.running.carrier_findings import carrier_findings
 from coop_pin.running.cell_findings import (
     code_findings,
     distance_findings,
@@ -31,7 +32,6 @@ from coop_pin.running.cell_findings import (
     prepared_run,
     reach_findings,
     record_findings,
-    shared_joint_findings,
     stability_findings,
     steady_findings,
     task_findings,
@@ -81,10 +81,10 @@ def check(
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario)
     require_allowed(code_of(scenario))
-    shared, stated, scenario = [*shared_joint_findings(scenario)], scenario, seen_by_arms(scenario)
+    carried, stated, scenario = [*carrier_findings(scenario)], scenario, seen_by_arms(scenario)
     reach = reachability(scenario, poses=poses)
     simulation = prepared_run(scenario, reach)
-    entries = [*shared, *code_findings(scenario), *task_findings(scenario, reach, simulation, table_error)]
+    entries = [*carried, *code_findings(scenario), *task_findings(scenario, reach, simulation, table_error)]
     left = tuple[Kind, ...]()
     if simulation is None or not reach.ok:
         left = LEFT_TO_CHECK
@@ -108,8 +108,8 @@ def quick_findings(simulation: Simulation) -> Findings:
         simulation: the run before its first tick; in the end it is as it was.
     """
     scenario, start = simulation.scenario, simulation.state()
-    entries = [*record_findings(simulation), *shared_joint_findings(scenario)]
-    if scenario.cell.shared_joints:
+    entries = [*record_findings(simulation), *carrier_findings(scenario)]
+    if scenario.cell.driven:
         scenario = seen_by_arms(scenario)
         simulation = Simulation(scenario, build_controller(scenario))
         start = simulation.state()

@@ -28,7 +28,7 @@ def recorded_distances(result: RunResult) -> Distances:
     turns = rotations(data["payload_quaternion"].values)
     payload = np.zeros((len(turns), 4, 4))
     payload[:, :3, :3], payload[:, :3, 3], payload[:, 3, 3] = turns, data["payload_position"].values, 1.0
-    shared = list(data["shared_position"].values) if scenario.cell.shared_joints else None
+    shared = list(data["shared_position"].values) if scenario.cell.driven else None
     return measured(scenario, CellDistances(scenario.cell), data["time"].values, arms, list(payload), shared)
 
 

@@ -24,7 +24,7 @@ from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.exchange import Exchange, heard
 from coop_pin.simulation.devices.sensing import Sensing
-from coop_pin.simulation.devices.shared_drive import SharedDrives
+from coop_pin.simulation.devices.shared_drive import SharedDrives, WheelDrives
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import SPEED_LIMIT, PlantMaker, require_closed
 from coop_pin.simulation.recorder import Recorder
@@ -94,7 +94,8 @@ class TickLoop:
         self.slots, q = chain.model.arms, start_configuration(chain, scenario)
         self.plant = plant(chain, scenario.plant, q)
         self.actuation = Actuation(scenario, self.plant, self.slots, chain.arms, chain.loads(q))
-        self.shared = SharedDrives.of(scenario, chain, q, chain.loads(q)) if chain.model.shared else None
+        drives = WheelDrives if chain.model.wheels else SharedDrives
+        self.shared = drives.of(scenario, chain, q, chain.loads(q)) if chain.model.shared else None
         if controller is not None:
             self.actuation.require_taken(controller)
         holding, loads = (

@@ -34,6 +34,7 @@ def unlike_plant(cell: Cell, options: PlantOptions, events: Sequence[PayloadEven
     without += ["its payload has several links"] * (cell.payload.links is not None)
     without += [f"table {name!r}" for name in cell.tables]
     without += [f"shared joint {name!r}" for name in cell.shared_joints]
+    without += [f"rolling base of arm {name!r} (mobile_base)" for name in cell.wheels]
     if options.payload == "free":
         without.append("payload is 'free' (plant.payload)")
     without += [f"event is {event.kind!r}" for event in events if event.kind not in _EVENTS]

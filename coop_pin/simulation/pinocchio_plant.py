@@ -216,6 +216,9 @@ class PinocchioPlant:
         work += step.work
         if self._project:
             self.q = self.chain.mechanism.project_configuration(self.q)
+        if (
+            self._project or self.chain.model.wheels
+        ):  # wheels slide by the error of a step otherwise, 1e-11 m/s
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
         if self._is_elastic and len(self.chain.patches):
             self.work[len(WORK)] -= self.chain.patches.settle(self.q)

@@ -94,10 +94,9 @@ class Recorder:
         self._length = timeline.ticks // self._every + 1 + (_BLOCK if self._every > 1 else 0)
         nq, nv, patches = len(plant.q), len(plant.v), len(scenario.cell.patches) + len(scenario.cell.tables)
         self._sizes = {"q": nq, "v": nv, "arm": len(slots), "joint": joints, "patch": patches}
-        self._sizes["shared"] = len(scenario.cell.shared_joints)
-        self._sizes["payload_joint"] = (
-            0 if (links := scenario.cell.payload.links) is None else len(links.start)
-        )
+        links = scenario.cell.payload.links
+        self._sizes |= {"shared": len(scenario.cell.driven), "base": len(scenario.cell.wheels)}
+        self._sizes["payload_joint"] = 0 if links is None else len(links.start)
         self._block = 1 if patches else _BLOCK  # the plant remembers no bristles of earlier samples
         size = bytes_per_sample(self.table, self._sizes) + 8 * (rows + 1) * nv
         self.memory = float(self._length * size)

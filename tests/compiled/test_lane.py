@@ -25,7 +25,8 @@ from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.store import SweepStore
 
 ONLY_PINOCCHIO = {
-    *("adept-hinges", "pick-carry-place", "tiago-pro-tray", "two-pandas-door", "two-pandas-hinges"),
+    *("adept-hinges", "pick-carry-place", "three-rolling-ur5", "tiago-pro-tray", "two-pandas-door"),
+    "two-pandas-hinges",
     "two-pandas-palms",
 }
 """Scenarios whose plant has no compiled code."""

@@ -24,7 +24,7 @@ QUICK_PLANTS = ["adept-paper", "adept-anchored", "five-joint-pair", "two-pandas-
 QUICK_CELLS, TIERS = ["adept-anchored"], {"two-pandas-box": pytest.mark.gate}
 """Cells that do their work in the default tier, too, and in the gate; shorter runs are of more cells."""
 LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in test_robots
-SHARED = ["tiago-pro-tray"]  # tested in test_shared_joints
+SHARED = ["tiago-pro-tray", "three-rolling-ur5"]  # tested in test_shared_joints and test_rolling_bases
 for other in [
     "adept-paper",
     "adept-compliant",

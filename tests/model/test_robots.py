@@ -76,7 +76,7 @@ def test_the_platform_follows_its_arm():
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"drive": "differential"}, "rolling constraint"),
+        ({"drive": "differential"}, "DifferentialBase"),
         ({"size": (0.8, 0.0, 0.3)}, "positive"),
         ({"mass": -1.0}, "mass"),
     ],

@@ -17,7 +17,7 @@ from coop_pin.base.errors import ArgumentError, FieldError
 from coop_pin.control import ArmController, DecentralisedController, SlidingMode, SlidingModeGains
 from coop_pin.feasibility import cell_summary
 from coop_pin.grasps.cell_chain import CellChain
-from coop_pin.running.cell_findings import shared_joint_findings
+from coop_pin.running.carrier_findings import carrier_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 
@@ -270,9 +270,9 @@ def test_an_untold_lift_takes_the_payload_with_it_unseen_and_the_finding_names_t
     assert abs(error[-1] - 0.03) < 1e-3
     assert np.abs(data.seen_pose_error.values[-1, :, 2] + 0.03).max() < 1e-4
     assert np.abs(data.internal_wrench.values[:, 0, :3]).max() < 0.5
-    (finding,) = shared_joint_findings(untold)
+    (finding,) = carrier_findings(untold)
     assert (finding.kind, finding.severity) == ("shared joint", "error")
-    assert not [*shared_joint_findings(untold.override(dict(finding.remedy)))]
+    assert not [*carrier_findings(untold.override(dict(finding.remedy)))]
     one = still.replace(arm_sensors={"right": {"shared_joints": {"told": "nothing"}}})
     assert (
         np.abs(cp.run(one.replace(duration=0.8), warn=False).data.internal_wrench.values[:, 0, :3]).max()
@@ -405,6 +405,15 @@ def test_the_summary_has_lift_and_turn_and_blame_refuses_joints_that_move(tmp_pa
     assert "lift" in summary.summary()
     with pytest.raises(ArgumentError, match="lift"):
         cp.blame(cp.run(carry(cell, duration=0.05), warn=False))
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_brakes_hold_the_joints_of_an_arm_on_shared_ones(name, tmp_path):
+    braked = cp.events.LoseArm(arm="left", time=0.02, form="braked")
+    result = cp.run(carry(cell_of(name, tmp_path), duration=0.1, events=[braked]), warn=False)
+    angles = result.data.joint_position.sel(arm="left").values[result.data.time.values >= 0.02]
+    assert np.ptp(angles, axis=0).max() < 1e-9
+    assert result.simulation_sound
 
 
 class Pushing(ArmController):

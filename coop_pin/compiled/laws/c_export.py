@@ -98,7 +98,7 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     require_path("folder", folder)
     if arm not in scenario.cell.arms:
         raise NameNotFoundError("arm", arm, list(scenario.cell.arms), "the scenario's cell")
-    if scenario.feed_forward is not None or scenario.cell.shared_joints:
+    if scenario.feed_forward is not None or scenario.cell.driven:
         detail = "the scenario has feed-forward torques or shared joints, which exported laws are not given"
         raise ArgumentError(f"{detail}: export without them, and add such torques to what the law returns")
     if scenario.cell.payload.links is not None:

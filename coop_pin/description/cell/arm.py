@@ -18,10 +18,10 @@ from coop_pin.base.errors import FieldError, UrdfError
 from coop_pin.base.schema.base import Description, Matrix, Vector, number_or_row, positive
 from coop_pin.base.schema.pose import Pose
 from coop_pin.description.cell.armature import Armature, Rotors
+from coop_pin.description.cell.differential_base import Base, DifferentialBase
 from coop_pin.description.cell.end_stops import EndStops
 from coop_pin.description.cell.joint_friction import Friction, JointFriction
 from coop_pin.description.cell.miscalibration import Miscalibration
-from coop_pin.description.cell.mobile_base import MobileBase
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 
@@ -94,7 +94,8 @@ class Arm(Description):
             are repaired where need be.
         stops: end stops of its joints in the plant; none when omitted: joints pass their position limits.
         calibration_error: errors of the arm's own kinematic model, which its controller sees.
-        mobile_base: driven platform under the arm, whose three joints come before the arm's.
+        mobile_base: platform under the arm: omnidirectional, its three joints before the arm's; or on two
+            wheels ("differential"), with a drive and a law of its own.
     """
 
     urdf: str
@@ -112,7 +113,7 @@ class Arm(Description):
     impossible_inertia: Literal["refuse", "repair"] = "refuse"
     stops: EndStops | None = None
     calibration_error: Miscalibration = Miscalibration()
-    mobile_base: MobileBase | None = None
+    mobile_base: Base | None = None
 
     @field_validator("tip")
     @classmethod
@@ -271,7 +272,13 @@ class Arm(Description):
     @property
     def base_joints(self) -> int:
         """Number of its first joints, which move its mobile base."""
-        return 3 if self.mobile_base else 0
+        return 0 if self.mobile_base is None or isinstance(self.mobile_base, DifferentialBase) else 3
+
+    @property
+    def wheels(self) -> DifferentialBase | None:
+        """Its base on wheels that a drive of its own moves; None without, or if it is parked."""
+        base = self.mobile_base
+        return base if isinstance(base, DifferentialBase) and base.is_driven else None
 
     def drive_matrix(self, nv: int) -> Array:
         """Return the transmission matrix T, shape (nv, nv).

@@ -17,6 +17,7 @@ from coop_pin.base.schema.base import (
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose
 from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.differential_base import DifferentialBase
 from coop_pin.description.cell.grasp import LinkGrasp
 from coop_pin.description.cell.held_payload import HeldPayload
 from coop_pin.description.cell.shared_joint import (
@@ -24,6 +25,7 @@ from coop_pin.description.cell.shared_joint import (
     SharedJoints,
     require_own_joints,
     shared_problems,
+    wheel_problems,
 )
 from coop_pin.description.events import Surroundings
 from coop_pin.reference.pose_reference import PoseTarget
@@ -73,12 +75,30 @@ class Cell(HeldPayload):
         g, is_planar = np.array(self.gravity), self.rows == "planar"
         if problems := list(shared_problems(self.shared_joints, self.arms, g, is_planar)):
             raise one_or_all([problem.below("shared_joints") for problem in problems], "the shared joints")
+        if problems := list(wheel_problems(self.arms, self.shared_joints, g, is_planar)):
+            raise one_or_all([problem.below("arms") for problem in problems], "the mobile bases")
         return self
 
     @property
     def carrier(self) -> SharedJoints | None:
         """Shared joints with the arms that they carry; None without any."""
         return SharedJoints.of(self.shared_joints, self.arms) if self.shared_joints else None
+
+    @property
+    def wheels(self) -> dict[str, DifferentialBase]:
+        """Bases that roll, by the name of their arm."""
+        return {name: arm.wheels for name, arm in self.arms.items() if arm.wheels is not None}
+
+    @property
+    def carriers(self) -> tuple[SharedJoints, ...]:
+        """What moves arms by drives of its own: a robot on shared joints, or each base that rolls."""
+        bases = (SharedJoints.of_wheels(name, self.arms[name]) for name in self.wheels)
+        return tuple(bases) if self.carrier is None else (self.carrier,)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Joints under the arms that drives of their own move: shared ones, or those of bases that roll."""
+        return tuple(joint for carrier in self.carriers for joint in carrier.joints)
 
     @property
     def surroundings(self) -> Surroundings:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
+from xml.sax.saxutils import quoteattr
 
 from pydantic import AfterValidator, field_validator
 
@@ -44,13 +46,32 @@ _PLATFORM = """
 """Links and joints of a platform under the root link of a URDF."""
 
 
+def root_of(urdf: str) -> str:
+    """Return the name of the root link of a checked URDF."""
+    tree = read_tree(read_document(urdf.encode()))
+    return next(link for link in tree.links if link not in tree.above)
+
+
+def require_no_names(urdf: str, names: Sequence[str]) -> None:
+    """Raise an error if a URDF has a link or joint with the name of one of a platform's.
+
+    Raises:
+        UrdfError: with the names.
+    """
+    tree = read_tree(read_document(urdf.encode()))
+    if taken := sorted({*tree.links, *(edge.name for edge in tree.edges())}.intersection(names)):
+        raise UrdfError(
+            f"the URDF has {', '.join(taken)}, names of the mobile base; rename them", names=taken
+        )
+
+
 class MobileBase(Description):
     """Omnidirectional platform that carries an arm: its three drives come before the arm's joints.
 
     ``X_WB`` of the arm (its field ``base``) is the pose of the platform on the ground at zero. The platform
     moves along x and y of this frame and turns about z; the root link of the arm's URDF stands on it. Wheels
-    are not modelled: the drives act on x (N), y (N) and yaw (N m) directly. A differential drive is refused:
-    its rolling constraint binds velocities only, and the closures of a cell bind poses.
+    are not modelled: the drives act on x (N), y (N) and yaw (N m) directly. Two driven wheels, which do not
+    slide sideways, are those of ``DifferentialBase``.
 
     Attributes:
         drive: kind of the drive, "omnidirectional".
@@ -77,8 +98,8 @@ class MobileBase(Description):
     def _holonomic(cls, drive: object) -> object:
         if drive != "omnidirectional":
             raise FieldError(
-                f"is {drive!r}; it must be 'omnidirectional'. A rolling constraint (differential drive, car)"
-                " binds velocities and no pose: closed chains here have constraints on poses only"
+                f"is {drive!r}; it must be 'omnidirectional', or 'differential' with the fields of"
+                " cp.actuators.DifferentialBase; cars are not modelled"
             )
         return drive
 
@@ -88,19 +109,11 @@ class MobileBase(Description):
         Raises:
             UrdfError: the URDF has a link or joint with a name of the platform's.
         """
-        from xml.sax.saxutils import quoteattr  # slow to load
-
-        tree = read_tree(read_document(urdf.encode()))
-        names = {*tree.links, *(edge.name for edge in tree.edges())}
-        if taken := sorted(names.intersection((*_LINKS, *_JOINTS))):
-            raise UrdfError(
-                f"the URDF has {', '.join(taken)}, names of the mobile base; rename them", names=taken
-            )
-        root = next(link for link in tree.links if link not in tree.above)
+        require_no_names(urdf, (*_LINKS, *_JOINTS))
         x, y, z = self.size
         inertia = [self.mass * (a * a + b * b) / 12.0 for a, b in ((y, z), (x, z), (x, y))]
         added = _PLATFORM.format(
-            base=self, x=x, y=y, z=z, middle=z / 2.0, inertia=inertia, root=quoteattr(root)
+            base=self, x=x, y=y, z=z, middle=z / 2.0, inertia=inertia, root=quoteattr(root_of(urdf))
         )
         before, _, after = urdf.rpartition("</robot>")
         return f"{before}{added}</robot>{after}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -98,10 +98,10 @@ class SharedJoint(Description):
 
 
 class SharedJoints(NamedTuple):
-    """Shared joints of a robot, from its root on.
+    """Shared joints of a robot, from its root on, or those of the rolling base of an arm.
 
     Attributes:
-        joints: names of the joints in its URDF.
+        joints: names of the joints in its URDF; ``<arm>.base_x``, ``base_y`` and ``base_yaw`` of a base.
         arms: names of the arms that they carry.
         start: angles at which these lock them, m or rad, shape (n,).
         screws: axis of each at the start about the world's origin in world axes, linear first, shape (n, 6).
@@ -123,6 +123,15 @@ class SharedJoints(NamedTuple):
         order = tuple(joint for joint in first.robot.movers(first.tip) if joint in joints)
         screws = np.array([_screw(first, joint, locked) for joint in order])
         return cls(order, names, np.array([locked[joint] for joint in order]), screws)
+
+    @classmethod
+    def of_wheels(cls, name: str, arm: Arm) -> SharedJoints:
+        """Return the carrier of an arm whose base rolls: x and y along axes of B, and yaw about the axle."""
+        R, p = arm.base.matrix[:3, :3], arm.base.matrix[:3, 3]
+        screws = np.zeros((3, 6))
+        screws[:2, :3] = R.T[:2]
+        screws[2] = np.concatenate((np.cross(p, R[:, 2]), R[:, 2]))
+        return cls(tuple(f"{name}.base_{axis}" for axis in ("x", "y", "yaw")), (name,), np.zeros(3), screws)
 
     def displacement(self, angles: Array) -> Array:
         """Return D with which the joints move what they carry from its pose at the start, shape (4, 4).
@@ -200,6 +209,33 @@ def shared_problems(
         else:
             yield from _axis_problems(arms[names[0]], joint, gravity, is_planar)
             yield from _angle_problems(joint, {name: arms[name] for name in names})
+
+
+def wheel_problems(
+    arms: Mapping[str, Arm], shared: Collection[str], gravity: Array, is_planar: bool
+) -> Iterator[FieldError]:
+    """Yield what is wrong with the rolling bases of a cell, the first mistake of each.
+
+    Args:
+        arms: Arms of the cell.
+        shared: Names of its shared joints.
+        gravity: Gravity, m/s^2, shape (3,).
+        is_planar: Whether the task rows are those of a plane.
+    """
+    for name, arm in arms.items():
+        if arm.wheels is None:
+            continue
+        up = arm.base.matrix[:3, 2]
+        siblings = [other for other in arms if arm.is_sibling(arms[other])]
+        is_tilted = np.linalg.norm(np.cross(up, gravity)) > _TILTED * max(1.0, float(np.linalg.norm(gravity)))
+        if siblings:
+            detail = f"carries {siblings}, too, which are arms of the same robot; it carries one arm: park it"
+            yield FieldError(f"{detail}, follow = 'parked'", f"{name}.mobile_base")
+        elif shared:
+            detail = f"rolls beside the shared joints {[*shared]}; a cell has one or the other: park it"
+            yield FieldError(f"{detail}, follow = 'parked'", f"{name}.mobile_base")
+        elif is_tilted or up @ gravity > 0.0 or (is_planar and abs(up[2]) < 1.0 - _TILTED):
+            yield FieldError("stands on wheels, and its z axis is not upright", f"{name}.base")
 
 
 def _axis_problems(arm: Arm, joint: str, gravity: Array, is_planar: bool) -> Iterator[FieldError]:

@@ -224,4 +224,4 @@ class Sensing:
         view = self._kinematics[index].view(
             q[slot.q_slice] if angles is None else slot.angles.configuration(angles)
         )
-        return view if told is None or self._shared is None else self._shared.carried(view, told)
+        return view if told is None or self._shared is None else self._shared.carried(index, view, told)

@@ -1,4 +1,4 @@
-"""Shared joints in a run: their drives with servos, and what arms are told of the joints under them."""
+"""Shared joints and rolling bases in a run: drives with servos, and what arms are told of the joints."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.spatial import TaskRows
+from coop_pin.description.cell.differential_base import DifferentialBase
 from coop_pin.description.cell.shared_joint import SharedJoint, SharedJoints, about
 from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
@@ -77,6 +78,51 @@ class SharedDrives(NamedTuple):
         return forces
 
 
+class WheelDrives(NamedTuple):
+    """Drives of the bases that roll; the law of the bases and of their servos is that of DifferentialBase.
+
+    Attributes:
+        bases: descriptions.
+        places: positions of x, y and yaw in the tree, of each base.
+        poses: X_WB of each at the start.
+        inertia: m and I, inertia that each moves there, kg and kg m^2, shape (b, 2).
+        begin: desired pose of the payload at the start, shape (4, 4).
+    """
+
+    bases: tuple[DifferentialBase, ...]
+    places: tuple[tuple[SharedPlace, ...], ...]
+    poses: tuple[Array, ...]
+    inertia: Array
+    begin: Array
+
+    @classmethod
+    def of(cls, scenario: Scenario, chain: CellChain, q: Array, loads: Array) -> Self | None:
+        """Return the drives of a cell; None without bases that roll; arguments as of SharedDrives."""
+        cell, wheels = scenario.cell, scenario.cell.wheels
+        if not wheels:
+            return None
+        inertia = chain.shared_statics(q, loads)[1].reshape(-1, 3)[:, ::2]
+        poses = tuple(cell.arms[name].base.matrix for name in wheels)
+        places, begin = tuple(chain.model.wheels.values()), scenario.payload_motion.at(0.0).X_WP_d
+        return cls(tuple(wheels.values()), places, poses, inertia, begin)
+
+    def force(self, time: float, q: Array, v: Array, target: PoseTarget) -> list[Array]:
+        """Return the force of each drive along x and y and its torque about z, from a tick on, (1,) each.
+
+        The force keeps its direction until the next tick; arguments as of SharedDrives.
+        """
+        forces = []
+        for base, places, X_WB, inertia in zip(
+            self.bases, self.places, self.poses, self.inertia, strict=True
+        ):
+            pose = np.array([q[slot.q_slice.start] for slot in places])
+            rates = np.array([v[slot.v_slice.start] for slot in places])
+            command = base.command(pose, rates, base.reference(time, X_WB, target, self.begin))
+            F, M = base.force(pose, rates, command, inertia)
+            forces += [F * np.cos(pose[2]), F * np.sin(pose[2]), M]
+        return [frozen(np.array([force])) for force in forces]
+
+
 class Told(NamedTuple):
     """What an arm is told of the joints under it.
 
@@ -96,33 +142,35 @@ class SharedSensors(NamedTuple):
 
     Attributes:
         places: positions of the joints in the tree.
-        carrier: the joints with their axes at the start.
         rows: task rows of the cell.
-        arms: delay, ticks; count and offset, m or rad; masks of position and rate: of each arm, None of one
-            that they do not carry.
+        arms: of each arm, None of one that no joint carries: its carrier, the joints with their axes at the
+            start; their places; delay, ticks; count and offset, m or rad; masks of position and rate.
     """
 
     places: tuple[SharedPlace, ...]
-    carrier: SharedJoints
     rows: TaskRows
-    arms: tuple[tuple[int, float, float, float, float] | None, ...]
+    arms: tuple[tuple[SharedJoints, slice, int, float, float, float, float] | None, ...]
 
     @classmethod
     def of(cls, scenario: Scenario, places: Sequence[SharedPlace]) -> Self | None:
         """Return the sensors of a cell; None without shared joints."""
-        carrier, arms = scenario.cell.carrier, []
-        if carrier is None:
+        cell, carried, first = scenario.cell, dict[str, tuple[SharedJoints, slice]](), 0
+        for carrier in cell.carriers:
+            entries = slice(first, first := first + len(carrier.joints))
+            carried |= dict.fromkeys(carrier.arms, (carrier, entries))
+        if not carried:
             return None
-        for name in scenario.cell.arms:
+        arms: list[tuple[SharedJoints, slice, int, float, float, float, float] | None] = []
+        for name in cell.arms:
             sensor = scenario.sensors_of(name).shared_joints
             masks = float(sensor.told != "nothing"), float(sensor.told == "all")
             numbers = (sensor.delay, sensor.resolution, sensor.offset, *masks)
-            arms.append(numbers if name in carrier.arms else None)
-        return cls(tuple(places), carrier, scenario.cell.task_rows, tuple(arms))
+            arms.append((*carried[name], *numbers) if name in carried else None)
+        return cls(tuple(places), cell.task_rows, tuple(arms))
 
     def start(self) -> Array:
         """Return the memory before the first tick: at rest at the start."""
-        depth = 1 + max(arm[0] for arm in self.arms if arm is not None)
+        depth = 1 + max(arm[2] for arm in self.arms if arm is not None)
         rest = np.array([[slot.start for slot in self.places], [0.0] * len(self.places)])
         return np.tile(rest, (depth, 1, 1))
 
@@ -144,23 +192,26 @@ class SharedSensors(NamedTuple):
             if arm is None:
                 told.append(None)
                 continue
-            delay, count, offset, tells_position, tells_rate = arm
-            read, velocity = memory[delay]
+            _, entries, delay, count, offset, tells_position, tells_rate = arm
+            read, velocity = memory[delay][:, entries]
             read = (count * np.round(read / count) if count else read) + offset
-            believed = start + tells_position * (read - start)
+            believed = start[entries] + tells_position * (read - start[entries])
             told.append(Told(frozen(believed), frozen(tells_rate * velocity)))
         return told, memory
 
-    def carried(self, view: PayloadKinematics, told: Told) -> PayloadKinematics:
+    def carried(self, index: int, view: PayloadKinematics, told: Told) -> PayloadKinematics:
         """Return the payload as an arm sees it with the joints under it where it is told that they are.
 
         X = D X_0 with D = prod_k exp(S_k dq_k), J = [R_D, R_D] J_0, and J_s v_s about P.
 
         Args:
+            index: Index of the arm.
             view: Pose and Jacobian with the joints where they start.
             told: Positions and rates of the joints.
         """
-        D, V = self.carrier.moved(told.position, told.velocity)
+        arm = self.arms[index]
+        assert arm is not None
+        D, V = arm[0].moved(told.position, told.velocity)
         X, rows = D @ view.pose, self.rows
         J = np.array([rows.turn(D, column) for column in view.jacobian.T]).T
         return PayloadKinematics(X, J, rows.select(about(X[:3, 3], V)))
