@@ -69,8 +69,8 @@ def blame(
     }
     samples, payload, friction = filtered(record, late), None, list[DriveFriction]()
     if all(len(record.arms[name].wrench_time) for name in arms):
-        payload = payload_fit(record, scenario, arms, samples, priors)
-        noted += wrench_findings(payload, record, scenario, arms, samples, priors)
+        payload = payload_fit(record, scenario, closure, kinematics, samples, priors)
+        noted += wrench_findings(payload, record, scenario, closure, kinematics, samples, priors)
         for name, arm in arms.items():
             zeros = payload.of(name, "wrist")
             friction += friction_fit(arm, samples[name], payload.x[zeros], payload.sd[zeros])

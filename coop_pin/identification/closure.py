@@ -94,6 +94,12 @@ class Fit(NamedTuple):
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def spread(self) -> Array:
+        """Independent errors of unit variance that make the covariance: L with L L^T, shape (n, n)."""
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(self.prior, self.prior))
+        return np.asarray(self.prior[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+    @property
     def seen(self) -> Array:
         """1 - posterior / prior variance: 0 where the log says nothing, shape (n,)."""
         return 1.0 - np.diag(self.covariance) / self.prior**2
@@ -183,6 +189,14 @@ class ViewClosure:
     def joints(self, name: str, times: Array) -> tuple[Array, Array]:
         """Return joint positions and velocities of an arm at times, shape (n, nv)."""
         return self._splines[name](times), self._splines[name](times, 1)
+
+    def turns(self, times: Array) -> Array:
+        """Return how the parameters turn the view of the first arm, world axes, rad, shape (n, 3, p)."""
+        name, arm = next(iter(self.arms.items()))
+        G = columns(self.view(name, times), arm)[:, 3:]
+        everything = np.zeros((len(times), 3, len(self._is_free)))
+        everything[:, :, : G.shape[2]] = G
+        return everything[:, :, self._is_free]
 
     def _evaluate(self, x: Array, is_free: Array) -> tuple[Array, Array]:
         """Return residuals and their derivatives, shapes (n, r) and (n, r, all parameters)."""
