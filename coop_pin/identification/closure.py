@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import least_squares
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import log3
@@ -17,6 +16,8 @@ from coop_pin.model.cell_arm import CellArm
 
 _SAMPLES = 600
 """Poses that are fitted."""
+_STEPS, _RESTS = 30, 1e-3
+"""Most Gauss-Newton steps, and the last step, in standard deviations of the priors, that counts as none."""
 _MARGIN = 0.05
 """Time at both ends of a record that clocks may shift, s."""
 
@@ -250,25 +251,20 @@ class ViewClosure:
         return self._evaluate(x, self._is_free)[0]
 
     def fit(self) -> Fit:
-        """Return the estimate of all parameters, iterated until it rests."""
-
-        def residuals(z: Array) -> Array:
-            r = self._evaluate(z * self.prior, self._is_free)[0]
-            return np.concatenate((np.einsum("nij,nj->ni", self._whiten, r).ravel(), z))
-
-        def jacobian(z: Array) -> Array:
-            J = self._evaluate(z * self.prior, self._is_free)[1][:, :, self._is_free]
-            whitened = (self._whiten @ J).reshape(-1, len(z)) * self.prior
-            return np.vstack((whitened, np.eye(len(z))))
-
-        solution = least_squares(residuals, np.zeros(len(self.prior)), jac=jacobian, method="lm", max_nfev=60)
-        J = jacobian(solution.x)
-        H = np.linalg.inv(J.T @ J)
-        n = len(self.times)
-        residual = solution.fun[: -len(self.prior)].reshape(n, -1)
+        """Return the estimate of all parameters: Gauss-Newton steps until it rests."""
+        z, n = np.zeros(len(self.prior)), len(self.times)
+        for _ in range(_STEPS):
+            r, J = self._evaluate(z * self.prior, self._is_free)
+            residual = np.einsum("nij,nj->ni", self._whiten, r)
+            A = (self._whiten @ J[:, :, self._is_free]).reshape(-1, len(z)) * self.prior
+            H = np.linalg.inv(A.T @ A + np.eye(len(z)))
+            step = H @ (A.T @ residual.ravel() + z)
+            if np.abs(step).max() < _RESTS:
+                break
+            z = z - step
         chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
-        return Fit(self.parameters, solution.x * self.prior, covariance, self.prior, chi, residual)
+        return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))
 
 
 def _spline(record: ArmRecord) -> CubicSpline:
