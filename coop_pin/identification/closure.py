@@ -10,14 +10,17 @@ from scipy.interpolate import CubicSpline
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import log3
+from coop_pin.identification.filtering import deflection
 from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
 
 _SAMPLES = 600
 """Poses that are fitted."""
-_STEPS, _RESTS = 30, 1e-3
-"""Most Gauss-Newton steps, and the last step, in standard deviations of the priors, that counts as none."""
+_STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
+"""Most Gauss-Newton steps, and the sizes of the last and of the largest one, in standard deviations before."""
+_EXACT = 1e-6
+"""Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
 _MARGIN = 0.05
 """Time at both ends of a record that clocks may shift, s."""
 
@@ -146,8 +149,8 @@ def position_noise(record: ArmRecord) -> Array:
         count = float(steps.min()) if len(steps) else 0.0
         ratios = steps / count if count else np.ones(1)
         is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)
-        sds.append(max(count / np.sqrt(12.0), 1e-9) if is_counted else max(rough, 1e-9))
-    return np.array(sds)
+        sds.append(count / np.sqrt(12.0) if is_counted else rough)
+    return np.maximum(sds, _EXACT)
 
 
 class ViewClosure:
@@ -174,6 +177,11 @@ class ViewClosure:
         """Choose samples by how far the joints move, and look at how errors move the views there."""
         self.arms, self.rows = arms, next(iter(arms.values())).rows
         self._splines = {name: _spline(record.arms[name]) for name in arms}
+        self._springs = {
+            name: deflection(record.arms[name], arm.stiffness)
+            for name, arm in arms.items()
+            if arm.stiffness is not None and len(record.arms[name].wrench_time)
+        }
         self.times = sample_times(record)
         self._noise = noise or {name: position_noise(record.arms[name]) for name in arms}
         everything, sds = kinematic_parameters(arms, priors)
@@ -184,8 +192,16 @@ class ViewClosure:
         self._whiten = self._whitening()
 
     def view(self, name: str, times: Array, offset: Array | float = 0.0, late: float = 0.0) -> View:
-        """Return the view of an arm at times of the first clock."""
-        return view_of(self.arms[name], self._splines[name](times + late) - offset)
+        """Return the view of an arm at times of the first clock, with what the spring of its grasp gives."""
+        arm = self.arms[name]
+        view = view_of(arm, self._splines[name](times + late) - offset)
+        if name not in self._springs:
+            return view
+        off = self._springs[name][0](times + late)
+        slack = np.tile(np.eye(4), (len(off), 1, 1))
+        slack[:, :3, :3] += np.swapaxes(np.cross(off[:, None, 3:], np.eye(3)), 1, 2)
+        slack[:, :3, 3] = off[:, :3]
+        return view._replace(pose=view.pose @ arm.X_PE @ np.linalg.inv(arm.X_PE @ slack))
 
     def joints(self, name: str, times: Array) -> tuple[Array, Array]:
         """Return joint positions and velocities of an arm at times, shape (n, nv)."""
@@ -236,7 +252,11 @@ class ViewClosure:
         rows = list(self.rows.indices)
         of_arms = []
         for name in self.arms:
-            J = self.view(name, self.times).jacobian[:, rows] * self._noise[name]
+            view = self.view(name, self.times)
+            J = view.jacobian[:, rows] * self._noise[name]
+            if name in self._springs:
+                tip = columns(view, self.arms[name])[:, rows, :6] * self._springs[name][1]
+                J = np.concatenate((J, tip), axis=2)
             of_arms.append(J @ np.swapaxes(J, 1, 2))
         m, size = len(of_arms) - 1, len(rows)
         C = np.tile(of_arms[0], (1, m, m))
@@ -261,7 +281,7 @@ class ViewClosure:
             step = H @ (A.T @ residual.ravel() + z)
             if np.abs(step).max() < _RESTS:
                 break
-            z = z - step
+            z = z - step / max(1.0, np.abs(step).max() / _LARGEST)
         chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
         return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from coop_pin.base.arrays import Array
 from coop_pin.logs.record import ArmRecord, Record
@@ -57,6 +58,24 @@ class Filtered(NamedTuple):
     wrench: Array
     noise: Array
     torque_noise: Array
+
+
+def deflection(arm: ArmRecord, stiffness: Array) -> tuple[CubicSpline, Array]:
+    """Return how far a spring lets a tip off its grasp frame, as a function of time, and its noise.
+
+    ``-F / K`` of the filtered wrench in axes of the tip, m and rad, shapes (n, 6) and (6,).
+
+    Args:
+        arm: record of the arm.
+        stiffness: K, N/m and N m/rad, shape (6,).
+    """
+    time, kept = np.unique(arm.wrench_time, return_index=True)
+    width = max(round(WINDOW / float(np.median(np.diff(time)))), 4)
+    kernel = np.hanning(width + 2)[1:-1]
+    smooth = [np.convolve(np.pad(one, width, "edge"), kernel / kernel.sum(), "same") for one in arm.wrench[kept].T]
+    off = -np.array(smooth)[:, width:-width].T / stiffness
+    spread = np.median(np.abs(np.diff(arm.wrench[kept], axis=0)), axis=0) / 0.6745 / np.sqrt(2.0)
+    return CubicSpline(time, off), spread / stiffness * np.linalg.norm(kernel / kernel.sum())
 
 
 def filtered(record: Record, late: Mapping[str, float]) -> dict[str, Filtered]:
