@@ -19,6 +19,8 @@ _SAMPLES = 600
 """Poses that are fitted."""
 _STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
 """Most Gauss-Newton steps, and the sizes of the last and of the largest one, in standard deviations before."""
+_APART = 3
+"""Samples from one pose that is fitted to the next, at least."""
 _EXACT = 1e-6
 """Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
 _MARGIN = 0.05
@@ -311,5 +313,6 @@ def sample_times(record: Record, most: int = _SAMPLES) -> Array:
     path = np.cumsum(path) + 1e-9 * (grid - grid[0]) / max(float(np.ptp(first)), 1e-9)
     equal = np.interp(np.linspace(0.0, path[-1], most), path, grid)
     kept = np.interp(equal, grid, is_near) == 1.0
-    stamps = np.unique(first)  # where nothing is interpolated
+    # where nothing of the first arm is interpolated; interpolations of the others share their samples' noise
+    stamps = np.unique(first)[::_APART]
     return np.unique(stamps[np.clip(np.searchsorted(stamps, equal[kept]), 0, len(stamps) - 1)])
