@@ -12,6 +12,7 @@ from coop_pin.identification.causes import Cause
 from coop_pin.identification.closure import Fit
 from coop_pin.identification.correction import correction
 from coop_pin.identification.effects import Effects
+from coop_pin.identification.excitation import Excitation
 from coop_pin.identification.friction import DriveFriction
 from coop_pin.logs.record import Record
 from coop_pin.results.finding import Findings
@@ -37,6 +38,8 @@ class Blame:
         unexplained: force that the wrists read and no cause explains, root mean square, N; NaN without it.
         share: newtons by load shares of the law that are not those of the cell; None without wrenches. It is
             among the causes where the log shows it.
+        excitation: what the log shows least of, and the motion that would show it; None where no arm can move
+            so, or without newtons.
         simulated: why newtons are those of runs with a cause alone; empty where formulas cover the law.
         uncovered: why no newtons are known; empty if they are.
     """
@@ -52,6 +55,7 @@ class Blame:
     views: tuple[float, float, float] = (np.nan,) * 3
     unexplained: float = np.nan
     share: Cause | None = None
+    excitation: Excitation | None = None
     simulated: str = ""
     uncovered: str = ""
 
@@ -102,6 +106,8 @@ class Blame:
                 lines.append(f"  below {self.share.high:.2f} N  load shares, which are those of the cell")
             if np.isfinite(self.unexplained):
                 lines.append(f"  {self.unexplained:6.2f} N  read by the wrists and not explained")
+            if self.excitation is not None:
+                lines.append(f"to see more: {self.excitation}")
         return "\n".join(lines)
 
 

@@ -73,7 +73,7 @@ def blame(
             zeros = payload.of(name, "wrist")
             friction += friction_fit(arm, samples[name], payload.x[zeros], payload.sd[zeros])
     noted += prior_findings(kinematics, payload)
-    answer = newtons(closure, record, scenario, kinematics, payload, friction, samples)
+    answer = newtons(closure, record, scenario, kinematics, payload, friction, samples, priors)
     findings = Findings(scenario.name, sorted_findings([*noted, *_trust(kinematics, payload)]))
     if not findings.ok:
         return Blame(scenario, record, findings)

@@ -166,6 +166,7 @@ class ViewClosure:
         times: times that are fitted, s, shape (n,).
         parameters: parameters that move a view.
         prior: their standard deviations.
+        noise: noise of the joint positions of every arm, shape (nv,) each.
     """
 
     def __init__(
@@ -185,7 +186,7 @@ class ViewClosure:
             if arm.stiffness is not None and len(record.arms[name].wrench_time)
         }
         self.times = sample_times(record)
-        self._noise = noise or {name: position_noise(record.arms[name]) for name in arms}
+        self.noise = noise or {name: position_noise(record.arms[name]) for name in arms}
         everything, sds = kinematic_parameters(arms, priors)
         _, J = self._evaluate(np.zeros(len(sds)), np.ones(len(sds), dtype=bool))
         self._is_free = (np.abs(J).max(axis=(0, 1)) > 1e-9) & (sds > 0.0)
@@ -255,7 +256,7 @@ class ViewClosure:
         of_arms = []
         for name in self.arms:
             view = self.view(name, self.times)
-            J = view.jacobian[:, rows] * self._noise[name]
+            J = view.jacobian[:, rows] * self.noise[name]
             if name in self._springs:
                 tip = columns(view, self.arms[name])[:, rows, :6] * self._springs[name][1]
                 J = np.concatenate((J, tip), axis=2)
@@ -272,13 +273,22 @@ class ViewClosure:
         x = np.zeros(len(self.prior)) if x is None else x
         return self._evaluate(x, self._is_free)[0]
 
+    def information(self) -> Array:
+        """Return J^T W J at no errors, in units of the priors, shape (p, p)."""
+        _, A = self._whitened(np.zeros(len(self.prior)))
+        return np.asarray(A.T @ A)
+
+    def _whitened(self, z: Array) -> tuple[Array, Array]:
+        """Return residuals and their derivatives by errors z in units of the priors, in units of the noise."""
+        r, J = self._evaluate(z * self.prior, self._is_free)
+        A = (self._whiten @ J[:, :, self._is_free]).reshape(-1, len(z)) * self.prior
+        return np.einsum("nij,nj->ni", self._whiten, r), A
+
     def fit(self) -> Fit:
         """Return the estimate of all parameters: Gauss-Newton steps until it rests."""
         z, n = np.zeros(len(self.prior)), len(self.times)
         for _ in range(_STEPS):
-            r, J = self._evaluate(z * self.prior, self._is_free)
-            residual = np.einsum("nij,nj->ni", self._whiten, r)
-            A = (self._whiten @ J[:, :, self._is_free]).reshape(-1, len(z)) * self.prior
+            residual, A = self._whitened(z)
             H = np.linalg.inv(A.T @ A + np.eye(len(z)))
             step = H @ (A.T @ residual.ravel() + z)
             if np.abs(step).max() < _RESTS:

@@ -12,8 +12,9 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import MissingExtraError, TracingError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause, force_interval, ranked_causes
-from coop_pin.identification.closure import Fit, Parameter, ViewClosure
+from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
 from coop_pin.identification.effects import Effects, effects
+from coop_pin.identification.excitation import best_excitation
 from coop_pin.identification.filtering import Filtered
 from coop_pin.identification.friction import DriveFriction
 from coop_pin.identification.law_response import LawResponse, uncovered
@@ -37,6 +38,7 @@ def newtons(
     payload: Fit | None,
     friction: Sequence[DriveFriction],
     samples: Mapping[str, Filtered],
+    priors: Priors,
 ) -> dict[str, Any]:
     """Return effects, causes and what they leave, as fields of Blame.
 
@@ -50,6 +52,7 @@ def newtons(
         payload: estimate of payload and wrists; None without wrenches.
         friction: friction of the drives.
         samples: filtered samples of all arms.
+        priors: knowledge before the log.
     """
     seen = [one for one in friction if one.is_seen]
     parameters, x, covariance = _estimates(closure, kinematics, payload, seen)
@@ -64,6 +67,7 @@ def newtons(
     except (TracingError, MissingExtraError) as error:
         return {"uncovered": f"{reason}; and it cannot be simulated for them: {error}"}
     answer: dict[str, Any] = {"effects": made, "simulated": reason, "causes": causes, "views": views}
+    answer["excitation"] = best_excitation(closure, kinematics, made, priors)
     if payload is not None:
         answer["unexplained"], share = _left(made, x, covariance, scenario, closure, samples)
         answer["share"] = share
