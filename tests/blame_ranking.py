@@ -18,7 +18,7 @@ CLASSES = ("tip", "base", "joint", "clock", "wrist", "friction", "share")
 
 
 def unit_costs(kind):
-    """Newtons of a unit of every parameter and of 1 N m in the drives that reverse, and the payload's weight."""
+    """Newtons of a unit of every parameter and of 1 N m in drives that reverse, and the payload's weight."""
     scenario = scenario_of(kind)
     sensors = {"encoder": {"resolution": 1e-5}, "wrist": {"noise": NOISE}}
     answer = cp.blame(cp.run(scenario, {"sensors": sensors}, warn=False), priors=PRIORS)
@@ -86,9 +86,7 @@ def answers(kind, part, seeds, costs, load):
         rng = np.random.default_rng(seed)
         culprit, causes, levels, shares = draw(rng, kind, part, costs, load)
         cell = with_causes(scenario, causes).override({"seed": seed})
-        late = {
-            name: {"offset": float(causes[name, "clock"][0])} for name in [*scenario.cell.arms][1:]
-        }
+        late = {name: {"offset": float(causes[name, "clock"][0])} for name in [*scenario.cell.arms][1:]}
         changes = {"network": {"clocks": late}, "cell.load_shares": shares}
         for name in scenario.cell.arms:
             viscous = friction(scenario.cell.arms[name], name).viscous.tolist()

@@ -102,7 +102,7 @@ class Blame:
             )
             shown = [one for one in self.causes if one.newtons > _FLOOR or one.high > 10.0 * _FLOOR]
             lines += [f"  {cause}{_words(cause)}" for cause in shown]
-            if self.share is not None and not self.share.low:
+            if self.share is not None and self.share not in self.causes:
                 lines.append(f"  below {self.share.high:.2f} N  load shares, which are those of the cell")
             if np.isfinite(self.unexplained):
                 lines.append(f"  {self.unexplained:6.2f} N  read by the wrists and not explained")

@@ -18,7 +18,7 @@ from coop_pin.model.cell_arm import CellArm
 _SAMPLES = 600
 """Poses that are fitted."""
 _STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
-"""Most Gauss-Newton steps, and the sizes of the last and of the largest one, in standard deviations before."""
+"""Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
 _APART = 3
 """Samples from one pose that is fitted to the next, at least."""
 _EXACT = 1e-6
@@ -279,7 +279,7 @@ class ViewClosure:
         return np.asarray(A.T @ A)
 
     def _whitened(self, z: Array) -> tuple[Array, Array]:
-        """Return residuals and their derivatives by errors z in units of the priors, in units of the noise."""
+        """Return residuals and derivatives by errors z in units of the priors, in units of the noise."""
         r, J = self._evaluate(z * self.prior, self._is_free)
         A = (self._whiten @ J[:, :, self._is_free]).reshape(-1, len(z)) * self.prior
         return np.einsum("nij,nj->ni", self._whiten, r), A

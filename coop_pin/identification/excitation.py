@@ -46,15 +46,22 @@ class Excitation(NamedTuple):
         """Return it as text."""
         kind, unit = ("turn", "rad about") if self.axis.startswith("r") else ("shift", "m along")
         return (
-            f"least known: {' with '.join(self.least)}; a {kind} of +-{self.size:.3g} {unit} {self.axis[-1]} would"
-            f" bring +-{1.96 * self.before:.2g} N of the views to +-{1.96 * self.after:.2g} N"
+            f"least known: {' with '.join(self.least)};"
+            f" a {kind} of +-{self.size:.3g} {unit} {self.axis[-1]}"
+            f" of the payload would bring +-{1.96 * self.before:.2g} N of the views"
+            f" to +-{1.96 * self.after:.2g} N"
+        )
+
+    def to_toml(self) -> str:
+        """Return its points as tables of a scenario's motion of waypoints."""
+        tables = ["\n".join(f"{key} = {value}" for key, value in point.items()) for point in self.points]
+        return "\n".join(
+            ["[motion]", 'kind = "waypoints"', *(f"\n[[motion.points]]\n{one}" for one in tables)]
         )
 
 
-def best_excitation(
-    closure: ViewClosure, fit: Fit, effects: Effects, priors: Priors
-) -> Excitation | None:
-    """Return the motion after which the force of the kinematic errors is known best; None if none is feasible.
+def best_excitation(closure: ViewClosure, fit: Fit, effects: Effects, priors: Priors) -> Excitation | None:
+    """Return the motion after which the force of kinematic errors is known best; None if none is feasible.
 
     The covariance after a motion is ``(C^-1 + J^T W J)^-1``, with J and W along it.
 

@@ -23,8 +23,8 @@ def filter_error(values: Array, times: Array, step: float) -> Array:
     """Return the root mean square by which a kernel and stamps miss what a motion demands, shape (k,).
 
     With the variance s^2 of the kernel, ``s^2 f'' / 2`` is what f of filtered samples misses of the filtered
-    f; ``f' step / 2`` what half a sample makes between an acceleration and the wrench that goes with it. These
-    errors repeat along a motion and do not average out, so that they count twice.
+    f; ``f' step / 2`` what half a sample makes between an acceleration and the wrench that goes with it.
+    These errors repeat along a motion and do not average out, so that they count twice.
 
     Args:
         values: f of filtered samples, shape (n, k).
@@ -72,7 +72,9 @@ def deflection(arm: ArmRecord, stiffness: Array) -> tuple[CubicSpline, Array]:
     time, kept = np.unique(arm.wrench_time, return_index=True)
     width = max(round(WINDOW / float(np.median(np.diff(time)))), 4)
     kernel = np.hanning(width + 2)[1:-1]
-    smooth = [np.convolve(np.pad(one, width, "edge"), kernel / kernel.sum(), "same") for one in arm.wrench[kept].T]
+    smooth = [
+        np.convolve(np.pad(one, width, "edge"), kernel / kernel.sum(), "same") for one in arm.wrench[kept].T
+    ]
     off = -np.array(smooth)[:, width:-width].T / stiffness
     spread = np.median(np.abs(np.diff(arm.wrench[kept], axis=0)), axis=0) / 0.6745 / np.sqrt(2.0)
     return CubicSpline(time, off), spread / stiffness * np.linalg.norm(kernel / kernel.sum())

@@ -71,7 +71,7 @@ def newtons(
     if payload is not None:
         answer["unexplained"], share = _left(made, x, covariance, scenario, closure, samples)
         answer["share"] = share
-        ranked = [*causes, share] if share.low > 0.0 else causes
+        ranked = [*causes, share] if share.low > 0.0 and share.is_known else causes
         answer["causes"] = tuple(sorted(ranked, key=lambda cause: -cause.newtons))
     return answer
 
@@ -101,9 +101,7 @@ def _by_formula(
 ) -> Effects:
     grasps = scenario.cell.grasps
     response = LawResponse.of(scenario, _shares(scenario))
-    return effects(
-        record, closure, response, parameters, friction, lambda t: scenario.squeeze.at(t, grasps)
-    )
+    return effects(record, closure, response, parameters, friction, lambda t: scenario.squeeze.at(t, grasps))
 
 
 def _runs(
@@ -135,7 +133,9 @@ def _simulated(
     sets = [{one: values[one] for one in cause.members} for cause in largest]
     sets.append({one: value for one, value in values.items() if one.part != "wrist"})
     *forces, together = runs.newtons(sets)
-    factors = {id(cause): force / max(cause.newtons, 1e-12) for cause, force in zip(largest, forces, strict=True)}
+    factors = {
+        id(cause): force / max(cause.newtons, 1e-12) for cause, force in zip(largest, forces, strict=True)
+    }
     scaled = [
         cause._replace(**{part: factors.get(id(cause), 1.0) * getattr(cause, part) for part in _BOUNDS})
         for cause in causes

@@ -65,7 +65,7 @@ def payload_fit(
     prior = np.array([*sds, *[*np.repeat(priors.wrist, 3)] * len(names), *np.ones(len(kinematics.x))])
     first, X = samples[names[0]], [pin.SE3(arm.X_PE).toDualActionMatrix() for arm in arms.values()]
     Y = _regressors(arms[names[0]], first, np.array(scenario.cell.gravity))
-    wrenches = [samples[name].wrench - _hand_weight(scenario, arms[name], samples[name]) for name in names]
+    wrenches = [samples[name].wrench - _weight(scenario, arms[name], samples[name].q) for name in names]
     total = -sum((W @ F.T).T for W, F in zip(X, wrenches, strict=True))
     by_tilt = payload.mass * _by_tilt(closure, first.time, np.array(scenario.cell.gravity))
     spread = kinematics.spread
@@ -115,12 +115,8 @@ def _regressors(arm: CellArm, samples: Filtered, gravity: Array) -> Array:
     return Y
 
 
-def _hand_weight(scenario: Scenario, arm: CellArm, samples: Filtered) -> Array:
-    """Return the weight of the hand behind a wrist in axes of the tip, shape (n, 6)."""
-    return _weight(scenario, arm, samples.q)
-
-
 def _weight(scenario: Scenario, arm: CellArm, position: Array) -> Array:
+    """Return the weight of the hand behind a wrist in axes of the tip, shape (n, 6)."""
     stated = None if scenario.log is None else scenario.log.arms[arm.name]
     if stated is None or not stated.hand_mass:
         return np.zeros((len(position), 6))

@@ -76,8 +76,8 @@ class Record:
         """Return what the arms of a run would log: what their encoders and wrists read, and the torques.
 
         Where a run has no sensors, its true positions and wrenches. A wrist reads in axes of its tip, and the
-        run has its reading turned to the world by the arm's own view, which is off where its model is. Rows of
-        wrenches that rigid bodies do not determine count as zero.
+        run has its reading turned to the world by the arm's own view, which is off where its model is. Rows
+        of wrenches that rigid bodies do not determine count as zero.
 
         Args:
             result: run, finished or not.

@@ -23,7 +23,8 @@ class CellArm(ArmModel):
         share: Load share c.
         rows: Task rows of the cell.
         X_PE: Pose of the tip in the payload frame, by its grasp.
-        stiffness: Stiffness of its grasp in axes of the tip, N/m and N m/rad, shape (6,); None if it is no spring.
+        stiffness: Stiffness of its grasp in axes of the tip, N/m and N m/rad, shape (6,); None if that is no
+            spring.
         grasp_rows: Rows of its grasp where that is a joint. With fewer joints than task rows, inverse
             kinematics leave the turns of that joint free; else they keep its grasp frame.
     """
