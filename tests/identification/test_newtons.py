@@ -79,7 +79,7 @@ def test_a_run_without_noise_is_explained_and_its_folder_is_a_log(changes, tmp_p
     motion = answer.excitation
     assert motion.after < motion.before
     points = {"motion": {"kind": "waypoints", "points": list(motion.points)}, "duration": 4.0}
-    assert cp.run(result.scenario, points, warn=False).limit_violations == ()
+    assert cp.run(result.scenario, points, warn=False).limit_violations() == ()
 
 
 @pytest.mark.parametrize("share", [0.47, pytest.param(0.51, marks=pytest.mark.slow)])
