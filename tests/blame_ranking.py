@@ -14,7 +14,6 @@ from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.transmission import friction
 
 PRIORS = Priors(clock=3e-3, link=0.0, wrist=(2.0, 0.1))
-CLASSES = ("tip", "base", "joint", "clock", "wrist", "friction", "share")
 
 
 def unit_costs(kind):
