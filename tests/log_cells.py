@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import coop_pin as cp
+from coop_pin.compiled.simulate import simulate_batch
 from coop_pin.identification.views import FRAME_AXES
 
 NOISE = {"force": 0.5, "moment": 0.02}
@@ -130,6 +131,23 @@ def logged(scenario, causes, seed=0, free=True):
     if free:
         record = free_hands(record, causes, np.random.default_rng(seed))
     return late_clocks(record, causes), changed.override({"cell.payload": scenario.cell.payload})
+
+
+def all_logged(scenario, seeds, scales=None, size=16):
+    """Causes, record and believed cell of every seed, as of ``logged``; the runs are lanes of a batch."""
+    for k in range(0, len(seeds), size):
+        some = seeds[k : k + size]
+        causes = [drawn(np.random.default_rng(seed), scenario, scales or {}) for seed in some]
+        cells = [
+            with_causes(scenario, one).override({"seed": seed})
+            for one, seed in zip(causes, some, strict=True)
+        ]
+        batch = simulate_batch(cells)
+        for i, (seed, one) in enumerate(zip(some, causes, strict=True)):
+            record = cp.logs.Record.of_run(batch.result(i))
+            record = late_clocks(free_hands(record, one, np.random.default_rng(seed)), one)
+            yield one, record, cells[i].override({"cell.payload": scenario.cell.payload})
+        batch.release()
 
 
 def truth(fit, causes, mass=0.0):

@@ -25,7 +25,8 @@ def blame(
     tell apart is one cause.
 
     Args:
-        log: CSV or MCAP file with the topics that the table log of the cell names, or the result of a run.
+        log: CSV or MCAP file with the topics that the table log of the cell names, or the folder or result
+            of a run.
         cell: cell as its user believes it, a TOML file or a name listed by 'coop-pin list'; that of a run
             when omitted.
         link: relative error of the lengths of links that is possible, 2e-4 when omitted.

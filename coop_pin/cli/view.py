@@ -136,10 +136,9 @@ def _show(text: str, address: str, opens: bool) -> None:
 
 def result_of(path: Path) -> Any:
     """Return the RunResult of a run's folder or file; the class is loaded only when it is needed."""
-    from coop_pin.cli.run_folder import RunFolder
     from coop_pin.results.run_result import RunResult
 
-    return RunResult.load(path / RunFolder.RESULT if path.is_dir() else path)
+    return RunResult.load(path)
 
 
 def _names(paths: Sequence[Path]) -> list[str]:

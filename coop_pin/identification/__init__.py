@@ -4,10 +4,12 @@ Open first: ``blame`` (``cp.blame``), ``closure`` (tips, bases, joints, links an
 of the payload), ``payload`` (its mass and the wrists' zeros), ``causes`` (what is not told apart, ranked).
 
 - ``friction`` of the drives; ``filtering`` of samples; ``views`` of the payload and their derivatives.
-- ``law_response``: internal force by what the arms see wrong; ``effects``: that of every parameter.
-- ``answer`` has all of it, and the correction; ``misuse`` tells swapped topics, signs and units.
+- ``law_response``: internal force by what the arms see wrong; ``effects``: that of every parameter;
+  ``resimulation``: the same by runs, where no formula covers the law; ``newtons`` chooses.
+- ``answer`` has all of it; ``correction`` is the cell with the errors, ``excitation`` the motion that shows
+  more; ``misuse`` tells swapped topics, signs and units.
 
-Imports ``base``, ``description``, ``logs``, ``model``, ``results`` and ``simulation``.
+Imports ``base``, ``compiled``, ``description``, ``logs``, ``model``, ``results`` and ``simulation``.
 """
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +10,11 @@ import numpy as np
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause
 from coop_pin.identification.closure import Fit
+from coop_pin.identification.correction import correction
 from coop_pin.identification.effects import Effects
+from coop_pin.identification.excitation import Excitation
 from coop_pin.identification.friction import DriveFriction
 from coop_pin.logs.record import Record
-from coop_pin.model.cell_arm import CellArm
 from coop_pin.results.finding import Findings
 
 _FLOOR = 0.02
@@ -36,7 +36,11 @@ class Blame:
         causes: causes by newtons, the largest first.
         views: newtons of all kinematic errors together, which the mismatch of the views shows, with interval.
         unexplained: force that the wrists read and no cause explains, root mean square, N; NaN without it.
-        share: newtons by which the law's shares part the load otherwise than those of the cell.
+        share: newtons by load shares of the law that are not those of the cell; None without wrenches. It is
+            among the causes where the log shows it.
+        excitation: what the log shows least of, and the motion that would show it; None where no arm can move
+            so, or without newtons.
+        simulated: why newtons are those of runs with a cause alone; empty where formulas cover the law.
         uncovered: why no newtons are known; empty if they are.
     """
 
@@ -50,7 +54,9 @@ class Blame:
     causes: tuple[Cause, ...] = ()
     views: tuple[float, float, float] = (np.nan,) * 3
     unexplained: float = np.nan
-    share: float = 0.0
+    share: Cause | None = None
+    excitation: Excitation | None = None
+    simulated: str = ""
     uncovered: str = ""
 
     @property
@@ -59,28 +65,14 @@ class Blame:
 
         What the log does not tell apart has the likeliest values: their sum counts.
         """
-        changes: dict[str, Any] = {}
-        for name in self.scenario.cell.arms if self.kinematics is not None else ():
-            tip, base, joint, link = (
-                _values(self.kinematics, name, part) for part in ("tip", "base", "joint", "link")
-            )
-            error: dict[str, Any] = {
-                "tip": {"xyz": _row(tip, "xyz"), "rpy": _row(tip, ("rx", "ry", "rz"))},
-                "base": {"xyz": _row(base, "xyz"), "rpy": _row(base, ("rx", "ry", "rz"))},
-            }
-            joints = [
-                one.removeprefix("arm/") for one in CellArm(self.scenario.cell, name).limits.joints.names
-            ]
-            error |= {"joint_offset": _row(joint, joints), "link_length": _row(link, joints)}
-            changes[f"cell.arms.{name}.calibration_error"] = error
-            if self.payload is not None:
-                zero = _values(self.payload, name, "wrist")
-                sensors = self.scenario.sensors_of(name).model_dump(exclude_none=True)
-                offset = {"force": _row(zero, "xyz"), "moment": _row(zero, ("rx", "ry", "rz"))}
-                changes[f"arm_sensors.{name}"] = sensors | {
-                    "wrist": sensors.get("wrist", {}) | {"offset": offset}
-                }
-        return changes
+        fits = [fit for fit in (self.kinematics, self.payload) if fit is not None]
+        values = {
+            one: float(x)
+            for fit in fits
+            for one, x in zip(fit.parameters, fit.x, strict=True)
+            if one.arm and one.part != "clock"
+        }
+        return correction(self.scenario, values) if values else {}
 
     def corrected(self) -> Scenario:
         """Return the scenario whose arms have the errors of the log, for ``cp.run``."""
@@ -103,33 +95,26 @@ class Blame:
             lines.append(f"newtons are not known: {self.uncovered}")
         else:
             low, high = self.views[1:]
-            lines.append("internal force by cause, norm, mean over the log (95 %):")
+            how = f", by runs with a cause alone ({self.simulated})" if self.simulated else ""
+            lines.append(f"internal force by cause, norm, mean over the log (95 %){how}:")
             lines.append(
                 f"  {self.views[0]:6.2f} N ({low:.2f} to {high:.2f})  all that the arms see differently"
             )
-            shown = [cause for cause in self.causes if cause.newtons > _FLOOR or cause.high > 10.0 * _FLOOR]
+            shown = [one for one in self.causes if one.newtons > _FLOOR or one.high > 10.0 * _FLOOR]
             lines += [f"  {cause}{_words(cause)}" for cause in shown]
-            if self.share:
-                lines.append(f"  {self.share:6.2f} N  load shares of the law, against those of the cell")
+            if self.share is not None and self.share not in self.causes:
+                lines.append(f"  below {self.share.high:.2f} N  load shares, which are those of the cell")
             if np.isfinite(self.unexplained):
                 lines.append(f"  {self.unexplained:6.2f} N  read by the wrists and not explained")
+            if self.excitation is not None:
+                lines.append(f"to see more: {self.excitation}")
         return "\n".join(lines)
 
 
 def _words(cause: Cause) -> str:
     """Return what the log says of a cause, as text."""
-    if len(cause.members) == 1:
+    if len(cause.members) == 1 or cause.members[0].part == "load share":
         return "" if cause.is_known else "; the log does not see it, its prior does"
     if not cause.is_known:
         return "; the log does not see them, their priors do"
     return ": not told apart, only what they make together"
-
-
-def _values(fit: Fit | None, arm: str, part: str) -> dict[str, float]:
-    if fit is None:
-        return {}
-    return {fit.parameters[k].axis: float(fit.x[k]) for k in fit.of(arm, part)}
-
-
-def _row(values: Mapping[str, float], axes: Any) -> list[float]:
-    return [values.get(axis, 0.0) for axis in axes]

@@ -7,16 +7,22 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import least_squares
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import log3
+from coop_pin.identification.filtering import deflection
 from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
 
 _SAMPLES = 600
 """Poses that are fitted."""
+_STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
+"""Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
+_APART = 3
+"""Samples from one pose that is fitted to the next, at least."""
+_EXACT = 1e-6
+"""Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
 _MARGIN = 0.05
 """Time at both ends of a record that clocks may shift, s."""
 
@@ -94,6 +100,12 @@ class Fit(NamedTuple):
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def spread(self) -> Array:
+        """Independent errors of unit variance that make the covariance: L with L L^T, shape (n, n)."""
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(self.prior, self.prior))
+        return np.asarray(self.prior[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+    @property
     def seen(self) -> Array:
         """1 - posterior / prior variance: 0 where the log says nothing, shape (n,)."""
         return 1.0 - np.diag(self.covariance) / self.prior**2
@@ -139,8 +151,8 @@ def position_noise(record: ArmRecord) -> Array:
         count = float(steps.min()) if len(steps) else 0.0
         ratios = steps / count if count else np.ones(1)
         is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)
-        sds.append(max(count / np.sqrt(12.0), 1e-9) if is_counted else max(rough, 1e-9))
-    return np.array(sds)
+        sds.append(count / np.sqrt(12.0) if is_counted else rough)
+    return np.maximum(sds, _EXACT)
 
 
 class ViewClosure:
@@ -154,6 +166,7 @@ class ViewClosure:
         times: times that are fitted, s, shape (n,).
         parameters: parameters that move a view.
         prior: their standard deviations.
+        noise: noise of the joint positions of every arm, shape (nv,) each.
     """
 
     def __init__(
@@ -167,8 +180,13 @@ class ViewClosure:
         """Choose samples by how far the joints move, and look at how errors move the views there."""
         self.arms, self.rows = arms, next(iter(arms.values())).rows
         self._splines = {name: _spline(record.arms[name]) for name in arms}
+        self._springs = {
+            name: deflection(record.arms[name], arm.stiffness)
+            for name, arm in arms.items()
+            if arm.stiffness is not None and len(record.arms[name].wrench_time)
+        }
         self.times = sample_times(record)
-        self._noise = noise or {name: position_noise(record.arms[name]) for name in arms}
+        self.noise = noise or {name: position_noise(record.arms[name]) for name in arms}
         everything, sds = kinematic_parameters(arms, priors)
         _, J = self._evaluate(np.zeros(len(sds)), np.ones(len(sds), dtype=bool))
         self._is_free = (np.abs(J).max(axis=(0, 1)) > 1e-9) & (sds > 0.0)
@@ -177,12 +195,28 @@ class ViewClosure:
         self._whiten = self._whitening()
 
     def view(self, name: str, times: Array, offset: Array | float = 0.0, late: float = 0.0) -> View:
-        """Return the view of an arm at times of the first clock."""
-        return view_of(self.arms[name], self._splines[name](times + late) - offset)
+        """Return the view of an arm at times of the first clock, with what the spring of its grasp gives."""
+        arm = self.arms[name]
+        view = view_of(arm, self._splines[name](times + late) - offset)
+        if name not in self._springs:
+            return view
+        off = self._springs[name][0](times + late)
+        slack = np.tile(np.eye(4), (len(off), 1, 1))
+        slack[:, :3, :3] += np.swapaxes(np.cross(off[:, None, 3:], np.eye(3)), 1, 2)
+        slack[:, :3, 3] = off[:, :3]
+        return view._replace(pose=view.pose @ arm.X_PE @ np.linalg.inv(arm.X_PE @ slack))
 
     def joints(self, name: str, times: Array) -> tuple[Array, Array]:
         """Return joint positions and velocities of an arm at times, shape (n, nv)."""
         return self._splines[name](times), self._splines[name](times, 1)
+
+    def turns(self, times: Array) -> Array:
+        """Return how the parameters turn the view of the first arm, world axes, rad, shape (n, 3, p)."""
+        name, arm = next(iter(self.arms.items()))
+        G = columns(self.view(name, times), arm)[:, 3:]
+        everything = np.zeros((len(times), 3, len(self._is_free)))
+        everything[:, :, : G.shape[2]] = G
+        return everything[:, :, self._is_free]
 
     def _evaluate(self, x: Array, is_free: Array) -> tuple[Array, Array]:
         """Return residuals and their derivatives, shapes (n, r) and (n, r, all parameters)."""
@@ -221,7 +255,11 @@ class ViewClosure:
         rows = list(self.rows.indices)
         of_arms = []
         for name in self.arms:
-            J = self.view(name, self.times).jacobian[:, rows] * self._noise[name]
+            view = self.view(name, self.times)
+            J = view.jacobian[:, rows] * self.noise[name]
+            if name in self._springs:
+                tip = columns(view, self.arms[name])[:, rows, :6] * self._springs[name][1]
+                J = np.concatenate((J, tip), axis=2)
             of_arms.append(J @ np.swapaxes(J, 1, 2))
         m, size = len(of_arms) - 1, len(rows)
         C = np.tile(of_arms[0], (1, m, m))
@@ -235,26 +273,30 @@ class ViewClosure:
         x = np.zeros(len(self.prior)) if x is None else x
         return self._evaluate(x, self._is_free)[0]
 
+    def information(self) -> Array:
+        """Return J^T W J at no errors, in units of the priors, shape (p, p)."""
+        _, A = self._whitened(np.zeros(len(self.prior)))
+        return np.asarray(A.T @ A)
+
+    def _whitened(self, z: Array) -> tuple[Array, Array]:
+        """Return residuals and derivatives by errors z in units of the priors, in units of the noise."""
+        r, J = self._evaluate(z * self.prior, self._is_free)
+        A = (self._whiten @ J[:, :, self._is_free]).reshape(-1, len(z)) * self.prior
+        return np.einsum("nij,nj->ni", self._whiten, r), A
+
     def fit(self) -> Fit:
-        """Return the estimate of all parameters, iterated until it rests."""
-
-        def residuals(z: Array) -> Array:
-            r = self._evaluate(z * self.prior, self._is_free)[0]
-            return np.concatenate((np.einsum("nij,nj->ni", self._whiten, r).ravel(), z))
-
-        def jacobian(z: Array) -> Array:
-            J = self._evaluate(z * self.prior, self._is_free)[1][:, :, self._is_free]
-            whitened = (self._whiten @ J).reshape(-1, len(z)) * self.prior
-            return np.vstack((whitened, np.eye(len(z))))
-
-        solution = least_squares(residuals, np.zeros(len(self.prior)), jac=jacobian, method="lm", max_nfev=60)
-        J = jacobian(solution.x)
-        H = np.linalg.inv(J.T @ J)
-        n = len(self.times)
-        residual = solution.fun[: -len(self.prior)].reshape(n, -1)
+        """Return the estimate of all parameters: Gauss-Newton steps until it rests."""
+        z, n = np.zeros(len(self.prior)), len(self.times)
+        for _ in range(_STEPS):
+            residual, A = self._whitened(z)
+            H = np.linalg.inv(A.T @ A + np.eye(len(z)))
+            step = H @ (A.T @ residual.ravel() + z)
+            if np.abs(step).max() < _RESTS:
+                break
+            z = z - step / max(1.0, np.abs(step).max() / _LARGEST)
         chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
-        return Fit(self.parameters, solution.x * self.prior, covariance, self.prior, chi, residual)
+        return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))
 
 
 def _spline(record: ArmRecord) -> CubicSpline:
@@ -281,5 +323,6 @@ def sample_times(record: Record, most: int = _SAMPLES) -> Array:
     path = np.cumsum(path) + 1e-9 * (grid - grid[0]) / max(float(np.ptp(first)), 1e-9)
     equal = np.interp(np.linspace(0.0, path[-1], most), path, grid)
     kept = np.interp(equal, grid, is_near) == 1.0
-    stamps = np.unique(first)  # where nothing is interpolated
+    # where nothing of the first arm is interpolated; interpolations of the others share their samples' noise
+    stamps = np.unique(first)[::_APART]
     return np.unique(stamps[np.clip(np.searchsorted(stamps, equal[kept]), 0, len(stamps) - 1)])

@@ -28,12 +28,14 @@ class Effects(NamedTuple):
         force: force on each arm by a unit of each parameter, N, shape (n, m, rows, p); rows of moments are
             left out.
         reading: internal force by it that the wrists would read, likewise, with their zeros.
+        without: internal force on each arm without any cause, N, shape (n, m, rows); the desired one if None.
     """
 
     times: Array
     parameters: tuple[Parameter, ...]
     force: Array
     reading: Array
+    without: Array | None = None
 
 
 def effects(
@@ -77,8 +79,13 @@ def effects(
     c = response.shares[:, None, None]
     reading = phi + wrist - c * wrist.sum(axis=1, keepdims=True)
     linear = closure.rows.are_linear
-    drives = tuple(Parameter(one.arm, "friction", f"drive {one.drive + 1}", "") for one in friction)
-    return Effects(times, (*parameters, *drives), phi[:, :, linear], reading[:, :, linear])
+    everything = (*parameters, *friction_parameters(friction))
+    return Effects(times, everything, phi[:, :, linear], reading[:, :, linear])
+
+
+def friction_parameters(friction: Sequence[DriveFriction]) -> tuple[Parameter, ...]:
+    """Return the friction of drives as parameters, whose value is a factor of what was found."""
+    return tuple(Parameter(one.arm, "friction", f"drive {one.drive + 1}", "") for one in friction)
 
 
 def _columns(view: View, arm: CellArm, times: Array) -> Array:

@@ -8,11 +8,12 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array
+from coop_pin.description.cell.joint_friction import JointFriction
 from coop_pin.identification.filtering import Filtered
 from coop_pin.model.cell_arm import CellArm
 
-WIDTH = 0.05
-"""Speed within which Coulomb friction changes sign, rad/s, as ``JointFriction`` has it."""
+WIDTH = JointFriction().coulomb_velocity
+"""Speed within which Coulomb friction changes sign, rad/s."""
 _REVERSES = 0.05
 """Part of the samples in which a drive must move the other way for its friction to be told from an offset."""
 

@@ -13,7 +13,6 @@ from coop_pin.identification.closure import Fit, Priors, ViewClosure
 from coop_pin.identification.filtering import Filtered
 from coop_pin.identification.payload import payload_fit
 from coop_pin.logs.record import Record
-from coop_pin.model.cell_arm import CellArm
 from coop_pin.results.finding import Finding
 
 _APART_M, _APART_RAD = 0.05, 0.15
@@ -76,7 +75,8 @@ def wrench_findings(
     fit: Fit,
     record: Record,
     scenario: Scenario,
-    arms: Mapping[str, CellArm],
+    closure: ViewClosure,
+    kinematics: Fit,
     samples: Mapping[str, Filtered],
     priors: Priors,
 ) -> Iterator[Finding]:
@@ -86,11 +86,12 @@ def wrench_findings(
         fit: estimate of payload and wrists.
         record: record of the arms.
         scenario: cell.
-        arms: models of the arms.
+        closure: views of the arms.
+        kinematics: estimate of their errors.
         samples: filtered samples of all arms.
         priors: knowledge before the log.
     """
-    strain = _strain(fit)
+    strain, arms = _strain(fit), closure.arms
     if strain < _CHI:
         return
     best, hint, remedy = strain, "check signs, topics, tips and the payload's mass", dict[str, int]()
@@ -108,7 +109,8 @@ def wrench_findings(
                 )
                 for name, other, sign in zip(arms, order, signs, strict=True)
             }
-            other_strain = _strain(payload_fit(replace(record, arms=taken), scenario, arms, read, priors))
+            other = payload_fit(replace(record, arms=taken), scenario, closure, kinematics, read, priors)
+            other_strain = _strain(other)
             if other_strain < 0.5 * best:
                 best = other_strain
                 turned = [name for name, sign in zip(arms, signs, strict=True) if sign < 0.0]

@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Fit, Parameter, Priors
-from coop_pin.identification.filtering import Filtered
+from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
+from coop_pin.identification.filtering import Filtered, filter_error
 from coop_pin.identification.views import FRAME_AXES
 from coop_pin.logs.record import Record
 from coop_pin.model.cell_arm import CellArm
@@ -25,7 +25,8 @@ _PAYLOAD = (
 def payload_fit(
     record: Record,
     scenario: Scenario,
-    arms: Mapping[str, CellArm],
+    closure: ViewClosure,
+    kinematics: Fit,
     samples: Mapping[str, Filtered],
     priors: Priors,
 ) -> Fit:
@@ -34,15 +35,19 @@ def payload_fit(
     In payload axes about P, with the parameters pi of the body, the zeros w_i and the wrenches F_i that the
     wrists read, ``-sum_i X_i (F_i - w_i) = Y(a - g, omega, omega') pi``. An interval in which the hands were
     free gives each w_i by itself; else the sum of the forces says nothing of a squeeze of zeros that cancel.
+    A view that is tilted by an angle theta has the weight off by ``m R^T (g x theta)``: what the kinematics
+    leave open of it is marginalised.
 
     Args:
         record: record of the arms.
         scenario: cell with payload and gravity.
-        arms: models of the arms.
+        closure: views of the arms.
+        kinematics: estimate of their errors.
         samples: filtered samples of all arms.
         priors: knowledge before the log.
     """
-    names, payload = [*arms], scenario.cell.payload
+    arms, payload = closure.arms, scenario.cell.payload
+    names = [*arms]
     rows = list(scenario.cell.task_rows.indices)
     parameters = [Parameter("", *one) for one in _PAYLOAD]
     for name in names:
@@ -56,14 +61,20 @@ def payload_fit(
         *[priors.centre * payload.mass] * 3,
         *[priors.inertia * inertia.max()] * 6,
     ]
-    prior = np.array(sds + [*np.repeat(priors.wrist, 3)] * len(names))
+    count = len(parameters)  # beyond them what the kinematics leave open, in sds
+    prior = np.array([*sds, *[*np.repeat(priors.wrist, 3)] * len(names), *np.ones(len(kinematics.x))])
     first, X = samples[names[0]], [pin.SE3(arm.X_PE).toDualActionMatrix() for arm in arms.values()]
     Y = _regressors(arms[names[0]], first, np.array(scenario.cell.gravity))
-    wrenches = [samples[name].wrench - _hand_weight(scenario, arms[name], samples[name]) for name in names]
+    wrenches = [samples[name].wrench - _weight(scenario, arms[name], samples[name].q) for name in names]
     total = -sum((W @ F.T).T for W, F in zip(X, wrenches, strict=True))
-    A = np.concatenate((Y, *(np.broadcast_to(-W, (len(Y), 6, 6)) for W in X)), axis=2)[:, rows]
-    b = (total - Y @ mean)[:, rows]
+    by_tilt = payload.mass * _by_tilt(closure, first.time, np.array(scenario.cell.gravity))
+    spread = kinematics.spread
+    wrists = (np.broadcast_to(-W, (len(Y), 6, 6)) for W in X)
+    A = np.concatenate((Y, *wrists, by_tilt @ spread), axis=2)[:, rows]
+    b = (total - Y @ mean - by_tilt @ kinematics.x)[:, rows]
     C = sum(W @ np.diag(samples[name].noise ** 2) @ W.T for name, W in zip(names, X, strict=True))
+    step = max(float(np.median(np.diff(record.arms[name].wrench_time))) for name in names)
+    C = C + np.diag(filter_error(Y @ mean, first.time, step) ** 2)
     whiten = np.linalg.inv(np.linalg.cholesky(C[np.ix_(rows, rows)]))
     A, b = whiten @ A, b @ whiten.T
     normal, right = np.einsum("nij,nik->jk", A, A), np.einsum("nij,ni->j", A, b)
@@ -77,8 +88,15 @@ def payload_fit(
     residual = b - A @ x
     free = residual.size - np.trace(np.einsum("nij,nik->jk", A, A) * np.outer(prior, prior) @ H)
     chi = float(np.sqrt((residual**2).sum() / max(free, 1.0)))
-    covariance = max(chi, 1.0) ** 2 * H * np.outer(prior, prior)
-    return Fit(tuple(parameters), x, covariance, prior, chi, residual)
+    covariance = (max(chi, 1.0) ** 2 * H * np.outer(prior, prior))[:count, :count]
+    return Fit(tuple(parameters), x[:count], covariance, prior[:count], chi, residual)
+
+
+def _by_tilt(closure: ViewClosure, times: Array, gravity: Array) -> Array:
+    """Return how the kinematic errors turn the weight of 1 kg in payload axes, shape (n, 6, p)."""
+    R = closure.view(next(iter(closure.arms)), times).pose[:, :3, :3]
+    force = np.swapaxes(R, 1, 2) @ pin.skew(gravity) @ closure.turns(times)
+    return np.concatenate((force, np.zeros_like(force)), axis=1)
 
 
 def _regressors(arm: CellArm, samples: Filtered, gravity: Array) -> Array:
@@ -97,12 +115,8 @@ def _regressors(arm: CellArm, samples: Filtered, gravity: Array) -> Array:
     return Y
 
 
-def _hand_weight(scenario: Scenario, arm: CellArm, samples: Filtered) -> Array:
-    """Return the weight of the hand behind a wrist in axes of the tip, shape (n, 6)."""
-    return _weight(scenario, arm, samples.q)
-
-
 def _weight(scenario: Scenario, arm: CellArm, position: Array) -> Array:
+    """Return the weight of the hand behind a wrist in axes of the tip, shape (n, 6)."""
     stated = None if scenario.log is None else scenario.log.arms[arm.name]
     if stated is None or not stated.hand_mass:
         return np.zeros((len(position), 6))

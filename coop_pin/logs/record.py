@@ -75,8 +75,9 @@ class Record:
     def of_run(cls, result: RunResult) -> Self:
         """Return what the arms of a run would log: what their encoders and wrists read, and the torques.
 
-        Where a run has no sensors, its true positions and wrenches. Rows of wrenches that rigid bodies do not
-        determine count as zero.
+        Where a run has no sensors, its true positions and wrenches. A wrist reads in axes of its tip, and the
+        run has its reading turned to the world by the arm's own view, which is off where its model is. Rows
+        of wrenches that rigid bodies do not determine count as zero.
 
         Args:
             result: run, finished or not.
@@ -94,7 +95,10 @@ class Record:
                 v = of_arm.measured_drive_velocity.values[:, :n] @ arm.from_drive.T
             has_wrist = scenario.sensors_of(name).wrist is not None
             F = np.nan_to_num((of_arm.measured_wrench if has_wrist else of_arm.interaction_wrench).values)
-            wrench = at_tip(F, X_WP, scenario.cell.grasps[name].matrix)
+            view = arm.kinematics.view
+            sees = has_wrist and not scenario.cell.jointed and not scenario.cell.shared_joints
+            seen = np.array([view(arm.configuration(each)).pose for each in q]) if sees else X_WP
+            wrench = at_tip(F, seen, arm.X_PE)
             arms[name] = ArmRecord(time, q, v, of_arm.torque.values[:, :n] @ T, time, wrench)
         return cls(arms, time, poses_of(data.desired_position.values, data.desired_quaternion.values))
 

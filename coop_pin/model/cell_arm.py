@@ -11,7 +11,7 @@ from coop_pin.base.errors import NameNotFoundError
 from coop_pin.base.spatial import FullRows
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.closure import row_mask
-from coop_pin.description.cell.grasp import JointGrasp
+from coop_pin.description.cell.grasp import CompliantGrasp, JointGrasp
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 
 
@@ -23,6 +23,8 @@ class CellArm(ArmModel):
         share: Load share c.
         rows: Task rows of the cell.
         X_PE: Pose of the tip in the payload frame, by its grasp.
+        stiffness: Stiffness of its grasp in axes of the tip, N/m and N m/rad, shape (6,); None if that is no
+            spring.
         grasp_rows: Rows of its grasp where that is a joint. With fewer joints than task rows, inverse
             kinematics leave the turns of that joint free; else they keep its grasp frame.
     """
@@ -46,6 +48,7 @@ class CellArm(ArmModel):
         super().__init__(self.description, self.X_PE, cell.gravity, name=name)
         self.share, self.rows = cell.share(name), cell.task_rows
         grasp = cell.grasps[name]
+        self.stiffness = np.array(grasp.stiffness) if isinstance(grasp, CompliantGrasp) else None
         self.grasp_rows = cell.grasp_rows(name) if isinstance(grasp, JointGrasp) else None
         if isinstance(grasp, JointGrasp) and self.nv < self.rows.size:
             to_C = np.kron(np.eye(2), grasp.X_EC[:3, :3].T)

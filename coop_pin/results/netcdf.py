@@ -25,6 +25,8 @@ _MAX_BYTES = 2**32
 _SLACK_BYTES = 2**20
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
 """Name of the scale of a dimension without a variable, before its size."""
+FILE = "result.nc"
+"""Name of the file in the folder of a run."""
 _SEAL = b"coop_pin sha256 "
 _SEAL_BYTES = len(_SEAL) + hashlib.sha256().digest_size
 
@@ -126,14 +128,14 @@ def read_dataset(path: Path) -> tuple[xr.Dataset, str]:
 
 
 def read_run(path: Path) -> tuple[Scenario, xr.Dataset]:
-    """Return the scenario and the data of a run's file.
+    """Return the scenario and the data of a run's file, or of that in a run's folder.
 
     Raises:
         FileReadError: the file is missing, damaged or not a result of this version of coop_pin.
     """
+    path = path / FILE if path.is_dir() else path
     if not path.is_file():
-        hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
-        raise FileReadError(f"there is no result file at {path}{hint}")
+        raise FileReadError(f"there is no result file at {path}")
     data, text = read_dataset(path)
     try:
         scenario = Scenario.from_toml(text)

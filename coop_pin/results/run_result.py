@@ -310,7 +310,7 @@ class RunResult:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a result.
+        """Read a result, from its file or from the folder of a run.
 
         Raises:
             FileReadError: the file is missing, damaged or not a result of this version of coop_pin.

@@ -34,6 +34,7 @@ def blame_html(answer: Blame) -> str:
         causes=causes,
         text=html.escape(answer.summary()),
         views=figure_image(views_figure(answer), "views of the arms over time"),
+        motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
         estimates="\n".join(map(_rows, fits)),
         correction=html.escape(answer.corrected().to_toml(commented=True)),
     )

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from log_cells import drawn, logged, scenario_of, truth, with_causes
+from log_cells import all_logged, drawn, logged, scenario_of, truth, with_causes
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError
@@ -99,7 +99,7 @@ def test_newtons_are_within_their_intervals_and_no_arm_is_named_where_a_differen
     _, causes, _, _, answer = case
     inside, known = [], []
     for cause in answer.causes:
-        if cause.members[0].part == "friction":
+        if cause.members[0].part in ("friction", "load share"):
             continue
         force = force_of(answer, cause.members, causes)
         inside.append(cause.low - 0.02 <= force <= cause.high + 0.02)
@@ -232,26 +232,44 @@ def test_a_log_without_a_cell_is_refused_and_a_law_without_a_formula_is_named():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "draws"), [("turning", 40), ("adept", 100)])
-def test_intervals_cover(kind, draws):
-    """95 % intervals of what is seen cover in 88 % or more of so few draws, pooled by part.
-
-    Those of a clock are too short at 80 Hz, by microseconds: the motion between samples is not known.
-    """
-    inside, views = {}, []
-    for seed in range(100, 100 + draws):
-        scenario, causes, _, _, answer = answered(kind, seed)
+@pytest.mark.parametrize("kind", ["turning", "adept"])
+def test_95_percent_intervals_cover_in_93_to_97_of_100_draws(kind):
+    """Pooled by part, of what is seen; those of newtons pooled over the causes. The norm of all that the arms
+    see differently is never negative: where it is small, its percentiles lie a little high (92 on the planar
+    pair)."""
+    inside, views, causes_inside, scenario = {}, [], [], scenario_of(kind)
+    for causes, record, cell in all_logged(scenario, range(100, 200)):
+        answer = cp.blame(record, cell, priors=PRIORS)
         for fit in (answer.kinematics, answer.payload):
             z = np.abs(fit.x - truth(fit, causes, scenario.cell.payload.mass)) < 1.96 * fit.sd
             for k, one in enumerate(fit.parameters):
-                if one.arm and fit.seen[k] > 0.5:
+                if (one.arm or one.part == "mass") and fit.seen[k] > 0.5:
                     inside.setdefault(one.part, []).append(z[k])
+        for cause in answer.causes:
+            if cause.members[0].part not in ("friction", "load share") and cause.is_known:
+                causes_inside.append(cause.low <= force_of(answer, cause.members, causes) <= cause.high)
         total = force_of(answer, answer.kinematics.parameters, causes)
-        views.append(answer.views[1] - 2e-3 <= total <= answer.views[2] + 2e-3)
-    for part, hits in inside.items():
-        least = 0.7 if part == "clock" else 0.88
-        assert np.mean(hits) >= least, (part, np.mean(hits), len(hits))
-    assert np.mean(views) >= 0.88
+        views.append(answer.views[1] <= total <= answer.views[2])
+    for part, hits in [*inside.items(), ("newtons", causes_inside)]:
+        assert 0.93 <= round(np.mean(hits), 2) <= 0.97, (part, np.mean(hits), len(hits))
+    assert 0.9 <= np.mean(views) <= 0.97
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("link", [2e-4, 1e-3])
+def test_joints_are_wider_and_cover_where_links_are_off(link):
+    """By a prior as large as the links are off: 20 draws in space, none of which names a joint too surely."""
+    scenario, inside, wider = scenario_of("turning"), [], []
+    for causes, record, cell in all_logged(scenario, range(300, 320), {"link": link}):
+        fit = cp.blame(record, cell, priors=PRIORS._replace(link=link)).kinematics
+        exact = cp.blame(record, cell, priors=PRIORS).kinematics
+        off = np.abs(fit.x - truth(fit, causes))
+        for k, one in enumerate(fit.parameters):
+            if one.part == "joint":
+                inside.append(off[k] < 1.96 * fit.sd[k])
+                wider.append(fit.sd[k] > exact.sd[exact.parameters.index(one)] / max(exact.chi, 1.0))
+    assert np.mean(inside) >= 0.9
+    assert all(wider)
 
 
 def test_a_minute_at_500_hz_takes_less_than_five_seconds():

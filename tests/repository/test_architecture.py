@@ -81,7 +81,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "logs": ({"description", "model", "results"}, {"mcap", "mcap_ros2", "pandas", "pyarrow"}),
     "identification": (
-        {"description", "logs", "model", "results", "simulation"},
+        {"compiled", "description", "logs", "model", "results", "simulation"},
         {"pinocchio", "scipy"},
     ),
     "running": (

@@ -160,11 +160,11 @@ def test_a_file_that_lacks_a_variable_is_refused_with_its_name(result, tmp_path)
         cp.RunResult.load(tmp_path / "result.nc")
 
 
-def test_a_folder_in_place_of_a_result_is_named_as_one(tmp_path):
-    for path, is_folder in ((tmp_path, True), (tmp_path / "missing.nc", False)):
-        with pytest.raises(FileReadError) as caught:
-            cp.RunResult.load(path)
-        assert ("it is a folder" in str(caught.value)) is is_folder
+def test_the_folder_of_a_run_is_read_as_its_result(result, tmp_path):
+    with pytest.raises(FileReadError, match="no result file"):
+        cp.RunResult.load(tmp_path)
+    result.save(tmp_path / "result.nc")
+    assert cp.RunResult.load(tmp_path).data.identical(cp.RunResult.load(tmp_path / "result.nc").data)
 
 
 # ---------------------------------------------------------------- checksum and size of a file

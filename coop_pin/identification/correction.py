@@ -1,0 +1,51 @@
+"""Correction: the changes of a scenario with which its run has the errors that a log shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from coop_pin.description.scenario import Scenario
+from coop_pin.identification.closure import Parameter
+from coop_pin.identification.views import FRAME_AXES
+from coop_pin.model.cell_arm import CellArm
+
+
+def correction(
+    scenario: Scenario, values: Mapping[Parameter, float], *, noise: bool = True
+) -> dict[str, Any]:
+    """Return changes by dotted path: errors of the arms' models, zeros of their wrists, and their clocks.
+
+    Args:
+        scenario: cell and law, whose own errors of the arms' models are replaced.
+        values: errors by parameter; those left out are zero.
+        noise: whether counts, noise and gains of the sensors are kept.
+    """
+    known = {(one.arm, one.part, one.axis): value for one, value in values.items()}
+    changes: dict[str, Any] = {}
+    has_wrists = any(one.part == "wrist" for one in values)
+    for name in scenario.cell.arms:
+        joints = [one.removeprefix("arm/") for one in CellArm(scenario.cell, name).limits.joints.names]
+
+        def row(part: str, axes: Any, name: str = name) -> list[float]:
+            return [known.get((name, part, axis), 0.0) for axis in axes]
+
+        frames = {
+            part: {"xyz": row(part, FRAME_AXES[:3]), "rpy": row(part, FRAME_AXES[3:])}
+            for part in ("tip", "base")
+        }
+        rows = {"joint_offset": row("joint", joints), "link_length": row("link", joints)}
+        changes[f"cell.arms.{name}.calibration_error"] = frames | rows
+        sensors = scenario.sensors_of(name).model_dump(exclude_none=True) if noise else {}
+        offset = {"force": row("wrist", FRAME_AXES[:3]), "moment": row("wrist", FRAME_AXES[3:])}
+        if has_wrists:
+            sensors["wrist"] = sensors.get("wrist", {}) | {"offset": offset}
+        if has_wrists or not noise:
+            changes[f"arm_sensors.{name}"] = sensors
+    clocks = {one.arm: {"offset": value} for one, value in values.items() if one.part == "clock"}
+    network: dict[str, Any] = (
+        {} if scenario.network is None else scenario.network.model_dump(exclude_none=True)
+    )
+    if clocks:
+        changes["network"] = network | {"clocks": clocks}
+    return changes

@@ -1,0 +1,204 @@
+"""Newtons: the internal force that every cause makes, that of the law's shares, and what nothing explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import MissingExtraError, TracingError
+from coop_pin.description.scenario import Scenario
+from coop_pin.identification.causes import Cause, force_interval, ranked_causes
+from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
+from coop_pin.identification.effects import Effects, effects
+from coop_pin.identification.excitation import best_excitation
+from coop_pin.identification.filtering import Filtered
+from coop_pin.identification.friction import DriveFriction
+from coop_pin.identification.law_response import LawResponse, uncovered
+from coop_pin.identification.resimulation import CauseRuns
+from coop_pin.identification.views import FRAME_AXES
+from coop_pin.logs.record import Record
+
+_SETTLED = 1.0
+"""Time that the law is given at the start before what it leaves counts, s."""
+_SIMULATED, _BOUNDS = 12, ("newtons", "low", "high")
+"""Most causes that are run as a whole, and their fields in newtons."""
+_REPEATS = 5.0
+"""Samples after which what is left of a reading is taken to be independent."""
+
+
+def newtons(
+    closure: ViewClosure,
+    record: Record,
+    scenario: Scenario,
+    kinematics: Fit,
+    payload: Fit | None,
+    friction: Sequence[DriveFriction],
+    samples: Mapping[str, Filtered],
+    priors: Priors,
+) -> dict[str, Any]:
+    """Return effects, causes and what they leave, as fields of Blame.
+
+    By the formulas of the law where they cover it, else by runs with one cause alone.
+
+    Args:
+        closure: views of the arms.
+        record: record of the arms.
+        scenario: cell and law that ran.
+        kinematics: estimate of the kinematics.
+        payload: estimate of payload and wrists; None without wrenches.
+        friction: friction of the drives.
+        samples: filtered samples of all arms.
+        priors: knowledge before the log.
+    """
+    seen = [one for one in friction if one.is_seen]
+    parameters, x, covariance = _estimates(closure, kinematics, payload, seen)
+    reason, p = uncovered(scenario), len(kinematics.x)
+    try:
+        runs = _runs(scenario, parameters, seen, x, covariance, record, closure) if reason else None
+        made = _by_formula(scenario, parameters, seen, record, closure) if runs is None else runs.effects
+        causes = ranked_causes(made, x, covariance)
+        views = force_interval(made.force[..., :p], x[:p], covariance[:p, :p])
+        if runs is not None:
+            views, causes = _simulated(runs, views, causes, dict(zip(parameters, x, strict=False)))
+    except (TracingError, MissingExtraError) as error:
+        return {"uncovered": f"{reason}; and it cannot be simulated for them: {error}"}
+    answer: dict[str, Any] = {"effects": made, "simulated": reason, "causes": causes, "views": views}
+    answer["excitation"] = best_excitation(closure, kinematics, made, priors)
+    if payload is not None:
+        answer["unexplained"], share = _left(made, x, covariance, scenario, closure, samples)
+        answer["share"] = share
+        ranked = [*causes, share] if share.low > 0.0 and share.is_known else causes
+        answer["causes"] = tuple(sorted(ranked, key=lambda cause: -cause.newtons))
+    return answer
+
+
+def _estimates(
+    closure: ViewClosure, kinematics: Fit, payload: Fit | None, friction: Sequence[DriveFriction]
+) -> tuple[list[Parameter], Array, Array]:
+    """Return the parameters that make a force but friction, and estimates and covariance with friction."""
+    axes = {FRAME_AXES[k] for k in closure.rows.indices}
+    fits = [(kinematics, [*range(len(kinematics.x))])]
+    if payload is not None:
+        is_wrist = [one.part == "wrist" and one.axis in axes for one in payload.parameters]
+        fits.append((payload, [*np.flatnonzero(is_wrist)]))
+    # of friction a factor of what was found is a parameter
+    factors = [min(one.sd[1] / max(abs(one.coulomb), 1e-9), 1.0) ** 2 for one in friction]
+    x = np.concatenate([*(fit.x[kept] for fit, kept in fits), np.ones(len(friction))])
+    covariance = block_diag(*(fit.covariance[np.ix_(kept, kept)] for fit, kept in fits), np.diag(factors))
+    return [fit.parameters[k] for fit, kept in fits for k in kept], x, covariance[: len(x), : len(x)]
+
+
+def _by_formula(
+    scenario: Scenario,
+    parameters: Sequence[Parameter],
+    friction: Sequence[DriveFriction],
+    record: Record,
+    closure: ViewClosure,
+) -> Effects:
+    grasps = scenario.cell.grasps
+    response = LawResponse.of(scenario, _shares(scenario))
+    return effects(record, closure, response, parameters, friction, lambda t: scenario.squeeze.at(t, grasps))
+
+
+def _runs(
+    scenario: Scenario,
+    parameters: Sequence[Parameter],
+    friction: Sequence[DriveFriction],
+    x: Array,
+    covariance: Array,
+    record: Record,
+    closure: ViewClosure,
+) -> CauseRuns:
+    p, sd, first = len(parameters), np.sqrt(np.diag(covariance)), next(iter(closure.arms))
+    start, end = record.held_span
+
+    def seen(times: Array) -> Array:
+        return closure.view(first, np.clip(times, start, end)).pose[:, :3, 3]
+
+    return CauseRuns(scenario, parameters, friction, x[:p], sd[:p], start, seen)
+
+
+def _simulated(
+    runs: CauseRuns,
+    views: tuple[float, float, float],
+    causes: Sequence[Cause],
+    values: Mapping[Parameter, float],
+) -> tuple[tuple[float, float, float], tuple[Cause, ...]]:
+    """Return all that is seen differently and the causes by runs of each; intervals grow with them."""
+    largest = [one for one in causes if one.members[0].part != "friction"][:_SIMULATED]
+    sets = [{one: values[one] for one in cause.members} for cause in largest]
+    sets.append({one: value for one, value in values.items() if one.part != "wrist"})
+    *forces, together = runs.newtons(sets)
+    factors = {
+        id(cause): force / max(cause.newtons, 1e-12) for cause, force in zip(largest, forces, strict=True)
+    }
+    scaled = [
+        cause._replace(**{part: factors.get(id(cause), 1.0) * getattr(cause, part) for part in _BOUNDS})
+        for cause in causes
+    ]
+    factor = together / max(views[0], 1e-12)
+    low, high = factor * views[1], factor * views[2]
+    return (together, low, high), tuple(sorted(scaled, key=lambda cause: -cause.newtons))
+
+
+def _shares(scenario: Scenario) -> Array:
+    """Return the load shares that the law is said to have, shape (m,)."""
+    stated = {} if scenario.log is None else scenario.log.shares
+    return np.array([stated.get(name, scenario.cell.share(name)) for name in scenario.cell.arms])
+
+
+def _left(
+    made: Effects,
+    x: Array,
+    covariance: Array,
+    scenario: Scenario,
+    closure: ViewClosure,
+    samples: Mapping[str, Filtered],
+) -> tuple[float, Cause]:
+    """Return what the wrists read of the internal force beyond its causes, and the cause of load shares.
+
+    A law that parts the load by other shares than those of the cell leaves an internal force ``d_i F`` along
+    the whole force F: d_i is fitted to what the other causes leave.
+    """
+    linear = [k for k in closure.rows.indices if k < 3]
+    force, f_d, times = _read(scenario, closure, samples)
+    total = force.sum(axis=1, keepdims=True)
+    read = force - np.array(scenario.cell.shares)[:, None] * total - f_d
+    at = np.clip(np.searchsorted(made.times, times), 0, len(made.times) - 1)
+    f_d = f_d if made.without is None else made.without[at]
+    reading = made.reading[at]
+    left, settled = read - reading @ x, times > times[0] + _SETTLED
+    left, total, reading = left[settled], total[settled][:, 0], reading[settled]
+    weight = total / max(float((total**2).sum()), 1e-12)
+    shares = np.einsum("nk,nik->i", weight, left)
+    left = left - shares[:, None] * total[:, None]
+    noise = sum((one.noise[:3] ** 2).sum() for one in samples.values()) / 4.0
+    rms = float((left**2).sum(axis=2).max(axis=1).mean())
+    arm = int(np.abs(shares).argmax())
+    by_x = np.einsum("nk,nkp->p", weight, reading[:, arm])
+    variance = _REPEATS * rms / len(linear) * float((weight**2).sum()) + by_x @ covariance @ by_x
+    size = float(np.linalg.norm(total, axis=1).mean())
+    newtons, half = size * abs(float(shares[arm])), 1.96 * size * float(np.sqrt(variance))
+    members = tuple(Parameter(name, "load share", "", "") for name in closure.arms)
+    share = Cause(members, newtons, max(newtons - half, 0.0), newtons + half)
+    return float(np.sqrt(max(rms - float(noise), 0.0))), share
+
+
+def _read(
+    scenario: Scenario, closure: ViewClosure, samples: Mapping[str, Filtered]
+) -> tuple[Array, Array, Array]:
+    """Return the force that every wrist reads and the desired squeeze, world axes, and their times."""
+    linear, grasps = [k for k in closure.rows.indices if k < 3], scenario.cell.grasps
+    times = next(iter(samples.values())).time
+    R = closure.view(next(iter(closure.arms)), times).pose[:, :3, :3]
+    tips = [
+        np.einsum("nij,jk,nk->ni", R, closure.arms[name].X_PE[:3, :3], one.wrench[:, :3])
+        for name, one in samples.items()
+    ]
+    f_d = np.array([scenario.squeeze.at(time, grasps)[:, :3] for time in times.tolist()])
+    f_d = np.einsum("nij,naj->nai", R, f_d)
+    return np.stack(tips, axis=1)[:, :, linear], f_d[:, :, linear], times
