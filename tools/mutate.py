@@ -81,6 +81,7 @@ TESTS = {
     " sweep_store sweep_template tune",
     "tracing": "batch batch_laws c_export sweep_batch tracing",
     "viz": "explorer export live_view live_widget report viz",
+    "zoo": "zoo",
 }
 """Test files that are run for each package; others hardly judge it, and take longer."""
 LONGEST = 8.0
