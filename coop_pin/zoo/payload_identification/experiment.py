@@ -49,10 +49,10 @@ def regression(data: Any, wrenches: str, samples: slice) -> tuple[Array, Array, 
 
 def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Shake the plate, and fit exact wrenches and noisy ones, over ever more seconds."""
-    data = cp.run(CELL.override({"duration": 4.0 if short else 10.0}), warn=False).data
+    duration, loose = (4.0, 5.0) if short else (10.0, 1.0)
+    data = cp.run(CELL.override({"duration": duration}), warn=False).data
     numbers, load, ends = [], CELL.cell.payload, np.linspace(0.4, 1.0, 10) * (len(data.time) - 200)
     errors: dict[str, Any] = {"mass": [], "inertia": []}
-    most = 50.0 if short else 5.0
     for label, end in [("exact", ends[-1]), *(("noisy", end) for end in ends)]:
         wrenches = "measured_wrench" if label == "noisy" else "interaction_wrench"
         theta, places, centre = regression(data, wrenches, slice(200, int(end)))
@@ -60,15 +60,14 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         mass, off = 100 * abs(body.mass / load.mass - 1), 1e3 * float(np.linalg.norm(body.lever - centre))
         inertia = 100 * np.abs(np.diag(body.inertia) / np.array(load.inertia)[:3] - 1).max()
         if label == "noisy":
-            errors["mass"].append(mass)
-            errors["inertia"].append(inertia)
+            errors = {"mass": [*errors["mass"], mass], "inertia": [*errors["inertia"], inertia]}
         if end == ends[-1]:
             worst = 1e6 * np.abs(places).max()
             numbers.append(Measured(GRASPS, f"{label}: worst place of a grasp", worst, "um", most=100.0))
             numbers.append(Measured(MASS, f"{label}: mass off", mass, "%", most=1.0))
-            numbers.append(Measured(MASS, f"{label}: centre off", off, "mm", most=5.0 if short else 1.0))
+            numbers.append(Measured(MASS, f"{label}: centre off", off, "mm", most=loose))
             numbers.append(
-                Measured(INERTIA, f"{label}: worst moment of inertia off", inertia, "%", most=most)
+                Measured(INERTIA, f"{label}: worst moment of inertia off", inertia, "%", most=loose * 5.0)
             )
     seconds = (ends - 200) * float(data.time[1])
     return numbers, [Trace(f"{name}, wrists with noise", seconds, np.array(y)) for name, y in errors.items()]
