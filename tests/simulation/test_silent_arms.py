@@ -260,7 +260,7 @@ def test_exported_code_has_no_form_for_nothing(tmp_path):
 @pytest.mark.parametrize("cell", ["two planar", pytest.param("two spatial", marks=pytest.mark.slow)])
 def test_both_engines_keep_back_the_same(cell):
     network = LATE | {"least_rate_hz": told(cell).clock.rate_hz / 10}
-    never, some = (told(cell, network=network | {"threshold": x}) for x in (1e9, 2.0))
+    never, some = (told(cell, network=network | {"threshold": x}) for x in (1e9, 0.6))
     single, batch = samples(some), cp.compiled.simulate_batch([never, some])
     require_same_samples(batch.result(1).data, single)
     ticks, width = len(single.time), 1 + some.cell.task_rows.size
