@@ -129,7 +129,7 @@ def test_the_papers_experiment_is_as_its_page_says(studies):
         {
             r"at α = ([\d.]+) the internal force settles at (−\d+) N": [gains.sign_gain, -10.0],
             r"because our γ is (\d)": gains.pose_gain,
-            r"But for claim 3, \$K_f\$ is (\d), which": gains.force_gain,
+            r"Where not stated, \$K_f\$ is (\d), which": gains.force_gain,
             r"low-pass with pole ([\d.]+); the bound is \$K_f < (\d+)\$": [0.9, force_gain_bound(0.9)],
         },
     )
