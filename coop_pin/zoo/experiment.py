@@ -55,7 +55,7 @@ class Experiment(Description):
         kind: Kind of method, as the list of the zoo names it.
         title: Heading of its page.
         source: Citation, with a link.
-        had: Text that could be had of the source.
+        had: Text of the source that could be read.
         cell: Cell in which it is rebuilt, and the law, in a sentence or two.
         measures: Signals that each arm measures.
         commands: Quantity that each arm commands.
