@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -151,9 +151,9 @@ class Linkage(Description):
                 f"is {name!r}, no link of the payload; {suggestion(name, list(self.bodies))}", path
             )
 
-    @property
+    @cached_property
     def text(self) -> str:
-        """Checked text of the URDF."""
+        """Checked text of the URDF, checked once: analyses ask for poses of links at every pose of a motion."""
         if self.urdf.lstrip().startswith("<"):
             return text_checked(self.urdf)
         return load_checked(find_urdf(self.urdf))
@@ -196,13 +196,20 @@ class Linkage(Description):
             gravity: g in axes of P, m/s^2, shape (3,).
         """
         W = np.zeros(6)
-        for name, body in self.bodies.items():
-            X_PL = self.pose(name)
-            lever = X_PL[:3, :3] @ body.centre + X_PL[:3, 3]
-            W += shift_wrench(np.concatenate((body.mass * gravity, np.zeros(3))), lever)
+        for mass, lever in self._centres:
+            W += shift_wrench(np.concatenate((mass * gravity, np.zeros(3))), lever)
         return W
 
-    @property
+    @cached_property
+    def _centres(self) -> tuple[tuple[float, Array], ...]:
+        """Masses of the links and their centres in P at the start."""
+        poses = {name: self.pose(name) for name in self.bodies}
+        return tuple(
+            (body.mass, poses[name][:3, :3] @ body.centre + poses[name][:3, 3])
+            for name, body in self.bodies.items()
+        )
+
+    @cached_property
     def freedom(self) -> Array:
         """Twist of P about P in its axes at unit rate of the joint that moves its link, shape (6,).
 
