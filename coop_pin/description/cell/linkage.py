@@ -133,6 +133,10 @@ class Linkage(Description):
                 raise FieldError(
                     f"names no joint of it; {suggestion(name, list(robot.joints))}", f"joints.{name}"
                 )
+            lower, upper = robot.limits(name)
+            if not lower <= (start := self.joints[name].start) <= upper:
+                detail = f"is {start:g}, beyond the limits {lower:g} to {upper:g} of the joint"
+                raise FieldError(detail, f"joints.{name}.start")
         if not bodies[self.link].mass:
             raise FieldError(f"is {self.link!r}, which has no mass; P is at its centre of mass", "link")
         if self.base is not None and len(robot.movers(self.link)) != 1:
@@ -151,9 +155,13 @@ class Linkage(Description):
                 f"is {name!r}, no link of the payload; {suggestion(name, list(self.bodies))}", path
             )
 
-    @cached_property
+    @property
     def text(self) -> str:
-        """Checked text of the URDF, checked once: analyses ask for poses of links at every pose of a motion."""
+        """Checked text of the URDF."""
+        return self._text
+
+    @cached_property  # analyses ask at every pose of a motion
+    def _text(self) -> str:
         if self.urdf.lstrip().startswith("<"):
             return text_checked(self.urdf)
         return load_checked(find_urdf(self.urdf))
@@ -209,7 +217,7 @@ class Linkage(Description):
             for name, body in self.bodies.items()
         )
 
-    @cached_property
+    @property
     def freedom(self) -> Array:
         """Twist of P about P in its axes at unit rate of the joint that moves its link, shape (6,).
 
