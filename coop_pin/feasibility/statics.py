@@ -229,7 +229,10 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
             X_WP_d = scenario.payload_motion.at(float(time)).X_WP_d  # the joint may have turned in its view
             R, W = X_WP_d[:3, :3], weight_wrench(surroundings.mass, surroundings.gravity)
             f_d = rotate_vector6(R, scenario.squeeze.at(float(time), cell.grasps)[index])
-            W_P = rotate_vector6(R.T, W) if links is None else links.weight(R.T @ surroundings.gravity)
+            W_P = rotate_vector6(R.T, W)
+            if links is not None:  # events change the mass of the link of P alone
+                g_P, added = R.T @ surroundings.gravity, surroundings.mass - cell.payload.mass
+                W_P = links.weight(g_P) + weight_wrench(added, g_P)
             F_load = rotate_vector6(R, L @ W_P)
             r = X_WP_d[:3, 3] - X_WP[:3, 3]
             parts[1, at], parts[2, at] = (-J.T @ shift_wrench(F, r) for F in (F_load, f_d))

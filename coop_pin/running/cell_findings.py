@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError, shown
+from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError, OpenClosureError, shown
 from coop_pin.base.loaded_code import edited_files
 from coop_pin.base.memory import free_memory
 from coop_pin.base.schema.user_code import code_of
 from coop_pin.description.arm_events import LoseArm
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.carried_motion import seen_by_arms
 from coop_pin.feasibility.distances import distances
 from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.feasibility.internal_moment import internal_moment
@@ -86,20 +87,45 @@ def task_findings(
     yield from reach_findings(reach)
     yield from torque_findings(statics_along(scenario, reach))
     yield from force_findings(scenario, table_error)
-    if scenario.cell.splits_load and all(arm.start_error is None for arm in reach.arms):
-        leave = freedoms(scenario)
-        severity: Any = "note" if leave.ok else "error"
-        yield Finding("freedom", "motion", severity, leave.summary(), leave.left, leave.asked)
     if reach.ok and (singular := closure_problem(scenario)):
         yield Finding("closure rank", "cell.grasps", "error", singular)
     if simulation is not None and reach.ok:
         yield from payload_findings(simulation)
-        yield from stability_findings(simulation, reach)
+        yield from _stability_along(simulation, reach)
         if gains_are_known(scenario):
             yield from _closed_loop(scenario)
     elif simulation is not None:
         with contextlib.suppress(CoopPinError):  # of a singular start, which the reach has named
             yield from stability_findings(simulation, None)
+
+
+def freedom_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
+    """Yield the freedoms that joints leave the payload, against its motion: nothing without such joints.
+
+    A base of the payload stands in the world, whatever carries the arms.
+
+    Args:
+        scenario: the scenario as it is stated.
+        reach: reachability of what its arms see.
+    """
+    links = scenario.cell.payload.links
+    if scenario.cell.splits_load and all(arm.start_error is None for arm in reach.arms):
+        seen = seen_by_arms(scenario)
+        has_base = links is not None and links.base is not None
+        leave = freedoms(seen.replace(motion=scenario.motion) if has_base else seen)
+        severity: Any = "note" if leave.ok else "error"
+        yield Finding("freedom", "motion", severity, leave.summary(), leave.left, leave.asked)
+
+
+def _stability_along(simulation: Simulation, reach: Reachability) -> list[Finding]:
+    """Return the stability along the motion, or at the start where a payload's base does not go with it."""
+    links = simulation.scenario.cell.payload.links
+    try:
+        return [*stability_findings(simulation, reach)]
+    except OpenClosureError:
+        if links is None or links.base is None:
+            raise
+        return [*stability_findings(simulation, None)]
 
 
 def prepared_run(scenario: Scenario, reach: Reachability) -> Simulation | None:

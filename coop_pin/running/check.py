@@ -27,6 +27,7 @@ from coop_pin.running.cell_findings import (
     code_findings,
     distance_findings,
     force_findings,
+    freedom_findings,
     gains_are_known,
     lost_arm_findings,
     prepared_run,
@@ -37,6 +38,7 @@ from coop_pin.running.cell_findings import (
     task_findings,
     torque_findings,
 )
+from coop_pin.running.payload_findings import payload_findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -84,7 +86,8 @@ def check(
     carried, stated, scenario = [*carrier_findings(scenario)], scenario, seen_by_arms(scenario)
     reach = reachability(scenario, poses=poses)
     simulation = prepared_run(scenario, reach)
-    entries = [*carried, *code_findings(scenario), *task_findings(scenario, reach, simulation, table_error)]
+    entries = [*carried, *code_findings(scenario), *freedom_findings(stated, reach)]
+    entries += task_findings(scenario, reach, simulation, table_error)
     left = tuple[Kind, ...]()
     if simulation is None or not reach.ok:
         left = LEFT_TO_CHECK
@@ -107,7 +110,7 @@ def quick_findings(simulation: Simulation) -> Findings:
     Args:
         simulation: the run before its first tick; in the end it is as it was.
     """
-    scenario, start = simulation.scenario, simulation.state()
+    stated, scenario, start = simulation.scenario, simulation.scenario, simulation.state()
     entries = [*record_findings(simulation), *carrier_findings(scenario)]
     if scenario.cell.driven:
         scenario = seen_by_arms(scenario)
@@ -118,6 +121,7 @@ def quick_findings(simulation: Simulation) -> Findings:
     with contextlib.suppress(Exception):
         path = reachability(scenario, poses=_PATH_POSES)
         entries += [*torque_findings(statics_along(scenario, path)), *reach_findings(path)]
+        entries += [*freedom_findings(stated, path), *payload_findings(simulation)]
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         entries.extend(stability_findings(simulation, reach, along=False))
     simulation.restore(start)

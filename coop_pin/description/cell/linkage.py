@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -133,6 +133,10 @@ class Linkage(Description):
                 raise FieldError(
                     f"names no joint of it; {suggestion(name, list(robot.joints))}", f"joints.{name}"
                 )
+            lower, upper = robot.limits(name)
+            if not lower <= (start := self.joints[name].start) <= upper:
+                detail = f"is {start:g}, beyond the limits {lower:g} to {upper:g} of the joint"
+                raise FieldError(detail, f"joints.{name}.start")
         if not bodies[self.link].mass:
             raise FieldError(f"is {self.link!r}, which has no mass; P is at its centre of mass", "link")
         if self.base is not None and len(robot.movers(self.link)) != 1:
@@ -154,6 +158,10 @@ class Linkage(Description):
     @property
     def text(self) -> str:
         """Checked text of the URDF."""
+        return self._text
+
+    @cached_property  # analyses ask at every pose of a motion
+    def _text(self) -> str:
         if self.urdf.lstrip().startswith("<"):
             return text_checked(self.urdf)
         return load_checked(find_urdf(self.urdf))
@@ -196,11 +204,18 @@ class Linkage(Description):
             gravity: g in axes of P, m/s^2, shape (3,).
         """
         W = np.zeros(6)
-        for name, body in self.bodies.items():
-            X_PL = self.pose(name)
-            lever = X_PL[:3, :3] @ body.centre + X_PL[:3, 3]
-            W += shift_wrench(np.concatenate((body.mass * gravity, np.zeros(3))), lever)
+        for mass, lever in self._centres:
+            W += shift_wrench(np.concatenate((mass * gravity, np.zeros(3))), lever)
         return W
+
+    @cached_property
+    def _centres(self) -> tuple[tuple[float, Array], ...]:
+        """Masses of the links and their centres in P at the start."""
+        poses = {name: self.pose(name) for name in self.bodies}
+        return tuple(
+            (body.mass, poses[name][:3, :3] @ body.centre + poses[name][:3, 3])
+            for name, body in self.bodies.items()
+        )
 
     @property
     def freedom(self) -> Array:

@@ -6,6 +6,7 @@ yourdfpy gives the bodies; it is imported only for them, because that takes long
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -54,6 +55,14 @@ class Robot:
         """Return the joints that still move when some are locked."""
         locked = self.locked(joints)
         return tuple(joint for joint in self.joints if joint not in locked)
+
+    def limits(self, joint: str) -> tuple[float, float]:
+        """Return the limits of a moving joint, rad or m; those of a continuous one are infinite."""
+        (edge,) = (edge for edge in self._edges if edge.name == joint)
+        limit = edge.joint.find("limit")
+        if edge.joint.get("type") == "continuous":
+            return -math.inf, math.inf
+        return number(limit, "lower") or 0.0, number(limit, "upper") or 0.0
 
     def tools(self) -> tuple[str, ...]:
         """Return the links that most joints move and no gripper's joint does: several if names do not tell.
