@@ -1,4 +1,4 @@
-"""Hinged payload: two arms turn a gate, a bar and a box as hinges let them, and do not press about the axis."""
+"""Hinged payload: two arms turn a gate, a bar and a box as hinges let them, without moment about the axis."""
 
 from pathlib import Path
 from typing import Any
@@ -44,9 +44,11 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         turning, apart = np.abs(moments.sum(1)), np.abs(moments[:, 0] - moments[:, 1]) / 2
         label = f"gate in {seconds:g} s"
         part = 100 * apart.max() / turning.max()
-        numbers.append(Measured(FREE, f"{label}: turn off its path", off, "deg", most=1.0))
-        numbers.append(Measured(FREE, f"{label}: apart, of what turns it", part, "%", most=10.0))
-        numbers.append(Measured(FREE, f"{label}: apart at rest", 100 * apart[-1] / turning.max(), "%"))
+        numbers += [
+            Measured(FREE, f"{label}: turn off its path", off, "deg", most=1.0),
+            Measured(FREE, f"{label}: apart, of what turns it", part, "%", most=10.0),
+            Measured(FREE, f"{label}: apart at rest", 100 * apart[-1] / turning.max(), "%"),
+        ]
         curves += [
             Trace(f"{label}: of both", time, turning, dashed=True),
             Trace(f"{label}: apart", time, apart),

@@ -36,7 +36,7 @@ def pushed(cell: cp.Scenario, rho: float, axis: int, since: float) -> list[tuple
 
 
 def biased(name: str, rho: float | None) -> tuple[float, float]:
-    """Return the internal force of a bias of 1 mm at rest, N, and that of c K gamma (b_i - b); None: anchored."""
+    """Return the force of 1 mm of bias at rest, N, and c K gamma b; without rho by the anchored law."""
     base = cp.Scenario.load(name)
     hold = {"kind": "hold", "pose": base.start.model_dump()}
     changes: dict[str, Any] = {"motion": hold, "duration": 3.0, "events": [], "clock.steps_per_tick": 1}
@@ -65,8 +65,10 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
             numbers.append(Measured(APART, f"space, rho {rho:g}: {label} over gamma", ratio, "", 0.95, 1.05))
     for label, name in list(HELD.items())[: 1 if short else 2]:
         anchored, (whole, form), (tenth, _) = biased(name, None)[0], biased(name, 1.0), biased(name, 0.1)
-        numbers.append(Measured(BIASED, f"{label}, rho 1: force of 1 mm", whole, "N"))
-        numbers.append(Measured(BIASED, f"{label}, rho 1: over c K gamma b", whole / form, "", 0.95, 1.05))
-        numbers.append(Measured(BIASED, f"{label}, rho 0.1: over that of 1", tenth / whole, "", 0.095, 0.105))
-        numbers.append(Measured(BIASED, f"{label}: force by the anchored law", anchored, "N"))
+        numbers += [
+            Measured(BIASED, f"{label}, rho 1: force of 1 mm", whole, "N"),
+            Measured(BIASED, f"{label}, rho 1: over c K gamma b", whole / form, "", 0.95, 1.05),
+            Measured(BIASED, f"{label}, rho 0.1: over that of 1", tenth / whole, "", 0.095, 0.105),
+            Measured(BIASED, f"{label}: force by the anchored law", anchored, "N"),
+        ]
     return numbers, curves
