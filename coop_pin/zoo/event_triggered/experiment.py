@@ -25,7 +25,7 @@ def carried(changes: dict[str, Any]) -> tuple[Array, Array, Array, float]:
 
 def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry the box with messages upon events, at every tick, and at lower rates."""
-    length = {"duration": 1.0} if short else {}
+    length = {"duration": 1.5} if short else {}
     time, upon, error, force = carried(length)
     *_, every, error_0, force_0 = carried(length | {"network": {}})
     curves = [Trace("events", time, 1e-3 * upon), Trace("every tick", time, 1e-3 * every)]

@@ -31,7 +31,7 @@ def residual(changes: dict[str, Any]) -> tuple[Any, Any]:
 
 def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry the plate without wrenches, and with them over graphs, late, and with bases that are off."""
-    length = {"duration": 1.0} if short else {}
+    length = {"duration": 2.5} if short else {}
     time, alone = residual(length | {"sensors": {}, "network": None})
     last = time > time[-1] - 0.5
     numbers, curves = [], [Trace("no wrenches", time, alone, dashed=True)]
