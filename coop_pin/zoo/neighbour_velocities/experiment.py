@@ -31,11 +31,11 @@ def residual(changes: dict[str, Any]) -> tuple[Any, Any]:
 
 def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry the plate without wrenches, and with them over graphs, late, and with bases that are off."""
-    length = {"duration": 2.5} if short else {}
+    length = {"duration": 1.0} if short else {}
     time, alone = residual(length | {"sensors": {}, "network": None})
     last = time > time[-1] - 0.5
     numbers, curves = [], [Trace("no wrenches", time, alone, dashed=True)]
-    for label, (claim, changes) in RUNS.items():
+    for label, (claim, changes) in list(RUNS.items())[: 3 if short else 4]:
         _, force = residual(length | changes)
         part = 100 * force[last].mean() / alone[last].mean()
         numbers.append(Measured(claim, f"{label}: part of no wrenches", part, "%", most=10.0))
