@@ -47,7 +47,7 @@ def page(experiment: Experiment, run: Reproduction) -> str:
 *Kind: {experiment.kind}.* {experiment.cell}
 
 - **Source**: {experiment.source}.
-- **What could be had of it**: {experiment.had}
+- **What could be read of it**: {experiment.had}
 
 ```sh
 coop-pin zoo {experiment.name}

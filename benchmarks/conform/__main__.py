@@ -29,7 +29,7 @@ def main() -> int:
         " engines/ when omitted",
     )
     parser.add_argument("--case", nargs="+", default=[], help="words of cases; all when omitted")
-    parser.add_argument("--page", type=Path, help="page whose blocks 'conform' and 'traps' are replaced")
+    parser.add_argument("--page", type=Path, help="page of which the block 'conform' or 'traps' is replaced")
     asked = parser.parse_args()
     warnings.simplefilter("ignore")  # of readers of URDF: the inner links of guides have no mass
     cases = [case for case in all_cases() if all(word in case.label for word in asked.case)]
@@ -38,8 +38,11 @@ def main() -> int:
     table = columns(asked.engine or [str(HERE)], cases)
     print(text(table, cases))
     if asked.page:
-        page = with_block(asked.page.read_text(encoding="utf-8"), "conform", markdown(table, cases))
-        asked.page.write_text(with_block(page, "traps", traps.markdown()), encoding="utf-8")
+        page = asked.page.read_text(encoding="utf-8")
+        blocks = {"conform": markdown(table, cases), "traps": traps.markdown()}
+        for name in [name for name in blocks if f"<!-- {name} -->" in page] or blocks:
+            page = with_block(page, name, blocks[name])
+        asked.page.write_text(page, encoding="utf-8")
     return int(any(column.failures for column in table))
 
 

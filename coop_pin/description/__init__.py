@@ -7,7 +7,8 @@ Open first: ``scenario`` (all that determines a run), ``cell/cell`` (arms, paylo
 - Devices: ``sensors``, ``actuators``, ``servo``, ``network`` (channels, delay, loss).
 - ``events`` (disturbances of the payload), ``arm_events`` (failures), ``grasp_events`` (release,
   hand-over, put down).
-- ``plant`` (clock, steps, formulation), ``trust`` (bounds on a run), ``model_laws``.
+- ``plant`` (clock, steps, formulation), ``thresholds`` (bounds on a run), ``model_laws``, ``log_table``
+  (topics of a log).
 - ``scenario_file`` (TOML), ``catalogue`` and ``scenarios`` (the cells that come with coop_pin).
 
 What a device does in a run is in ``simulation/devices``. Public names are in ``cp``, ``cp.events``,

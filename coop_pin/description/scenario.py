@@ -24,10 +24,10 @@ from coop_pin.description.actuators import Actuators
 from coop_pin.description.catalogue import name_by_summary
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.grasp_plan import GraspPlan, grasp_plan
-from coop_pin.description.cell.log_table import LogTable
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import Partner, Surroundings, event_differences, of_kind, surroundings_at
 from coop_pin.description.grasp_events import Event, GraspEvent, PutDown
+from coop_pin.description.log_table import LogTable
 from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.sensors import Sensors, WristSensor

@@ -12,7 +12,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, require_path, require_type
 from coop_pin.base.errors import ArgumentError, FileReadError
 from coop_pin.base.spatial import quaternions, rotations
-from coop_pin.description.cell.log_table import SECONDS
+from coop_pin.description.log_table import SECONDS
 from coop_pin.description.scenario import Scenario
 from coop_pin.logs.csv_log import read_csv
 from coop_pin.logs.mcap_log import read_mcap

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 from coop_pin.base.arrays import Array
-from coop_pin.description.cell.log_table import ArmLog, LogTable
+from coop_pin.description.log_table import ArmLog, LogTable
 from coop_pin.description.scenario import Scenario
 
 Kind = Literal["JointState", "WrenchStamped", "PoseStamped"]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Self
 
 from coop_pin.base.arrays import typed
-from coop_pin.base.errors import NameNotFoundError
+from coop_pin.base.errors import FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.base.schema.base import Description, Name, Text
 from coop_pin.base.user_files import read_toml
-from coop_pin.zoo.reproduction import Reproduction
+from coop_pin.zoo.reproduction import Measured, Reproduction, Trace
 
 _FOLDER = Path(__file__).parent
 
@@ -55,7 +57,7 @@ class Experiment(Description):
         kind: Kind of method, as the list of the zoo names it.
         title: Heading of its page.
         source: Citation, with a link.
-        had: Text that could be had of the source.
+        had: Text of the source that could be read.
         cell: Cell in which it is rebuilt, and the law, in a sentence or two.
         measures: Signals that each arm measures.
         commands: Quantity that each arm commands.
@@ -83,17 +85,51 @@ class Experiment(Description):
     picture: Picture
     name: Name
 
+    @classmethod
+    def load(cls, file: Path) -> Self:
+        """Return the experiment of an ``experiment.toml``.
+
+        Raises:
+            FileReadError: the file is not TOML, or has mistakes.
+        """
+        table = read_toml(file, kind="an experiment")
+        try:
+            return cls(**table, name=file.parent.name.replace("_", "-"))
+        except (FieldError, ScenarioError) as error:
+            raise FileReadError(str(error), str(file)) from error
+
     def run(self, *, short: bool = False) -> Reproduction:
         """Return its numbers and curves, by the function ``reproduce`` of its folder.
 
         Args:
             short: run the short form, of the same code with fewer seconds, arms or draws.
+
+        Raises:
+            FileReadError: its folder has no ``experiment.py``.
+            NameNotFoundError: a number names a claim that is not stated.
         """
-        module = importlib.import_module(f"{__package__}.{self.name.replace('-', '_')}.experiment")
-        numbers, curves = module.reproduce(short=short)
-        return Reproduction(
-            self.name, {claim.name: claim.unjudged for claim in self.claims}, tuple(numbers), tuple(curves)
-        )
+        file = _file(self.name).with_suffix(".py")
+        if not file.is_file():
+            raise FileReadError("is missing; it defines reproduce(*, short)", str(file))
+        module = importlib.import_module(f"{__package__}.{file.parent.name}.experiment")
+        return self.reproduction(*module.reproduce(short=short))
+
+    def reproduction(self, numbers: Sequence[Measured], curves: Sequence[Trace]) -> Reproduction:
+        """Return numbers and curves of a run, beside the claims.
+
+        Raises:
+            NameNotFoundError: a number names a claim that is not stated.
+        """
+        claims = {claim.name: claim.unjudged for claim in self.claims}
+        for number in numbers:
+            if number.claim not in claims:
+                raise NameNotFoundError("claim", number.claim, claims, f"experiment.toml of {self.name!r}")
+        return Reproduction(self.name, claims, tuple(numbers), tuple(curves))
+
+
+def _file(name: str) -> Path:
+    """Return the file of an experiment, beside which its code lies."""
+    return _FOLDER / name.replace("-", "_") / "experiment.toml"
 
 
 def experiment_names() -> list[str]:
@@ -110,8 +146,8 @@ def load_experiment(name: str) -> Experiment:
 
     Raises:
         NameNotFoundError: there is no experiment of that name.
+        FileReadError: its file is not TOML, or has mistakes.
     """
     if name not in experiment_names():
         raise NameNotFoundError("experiment", name, experiment_names(), "the zoo")
-    file = _FOLDER / name.replace("-", "_") / "experiment.toml"
-    return Experiment(**read_toml(file, kind="an experiment"), name=name)
+    return Experiment.load(_file(name))

@@ -18,7 +18,10 @@ from coop_pin.cli.conform import conform_folder
 
 REPOSITORY = Path(__file__).parents[2]
 CONFORM = REPOSITORY / "benchmarks" / "conform"
-PAGE = (REPOSITORY / "docs" / "concepts" / "other-engines.md").read_text(encoding="utf-8")
+PAGE, DIGITS = (
+    (REPOSITORY / "docs" / folder / name).read_text(encoding="utf-8")
+    for folder, name in (("concepts", "other-engines.md"), ("studies", "conform.md"))
+)
 TRAPS = sorted((CONFORM / "traps").glob("*.py"))
 OFF = 6.0
 """Digits below which the page has a reason."""
@@ -151,7 +154,7 @@ def rows_of(block: str) -> list[list[str]]:
 
 
 def test_the_page_has_every_case_and_a_reason_for_every_number_that_is_off(conform_modules):
-    block = re.search(r"<!-- conform -->(.*)<!-- end of conform -->", PAGE, re.DOTALL)[1]
+    block = re.search(r"<!-- conform -->(.*)<!-- end of conform -->", DIGITS, re.DOTALL)[1]
     head, _, *body = rows_of(block)
     assert [row[0] for row in body] == [case.label for case in conform_modules["cases"].all_cases()]
     reasons = rows_of(PAGE.partition("Where an engine has fewer")[2].partition("## ")[0])[2:]

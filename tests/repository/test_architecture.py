@@ -416,6 +416,12 @@ def test_a_package_says_what_to_open_first_and_what_it_imports(folder):
         assert imported == (PACKAGES[folder][0] | EVERYWHERE) - {folder}
 
 
+def test_a_folder_has_at_most_16_files_beside_its_docstring():
+    folders = {path.parent for path in PACKAGE.rglob("*.py")}
+    counts = {str(folder): len([*folder.glob("[!_]*.py")]) for folder in folders}
+    assert {folder: count for folder, count in counts.items() if count > 16} == {}
+
+
 def test_no_class_name_stands_twice_in_the_package():
     files = collections.defaultdict(list)
     for file, tree in TREES.items():

@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import FieldError, NameNotFoundError
+from coop_pin.base.errors import FieldError, FileReadError, NameNotFoundError
 from coop_pin.cli import main
-from coop_pin.zoo import Claim, Measured, Reproduction, experiment_names, load_experiment
+from coop_pin.zoo import Claim, Experiment, Measured, Reproduction, experiment_names, load_experiment
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FOLDER, PAGES = Path(cp.__file__).parent / "zoo", REPOSITORY / "docs" / "zoo"
@@ -33,9 +33,9 @@ def kinds():
     return {kind: len(re.findall(r"\b\d\. ", claims)) for kind, claims in rows if "1. " in claims}
 
 
-def test_the_list_has_thirteen_kinds_and_every_experiment_tests_what_it_says():
+def test_the_list_has_fourteen_kinds_and_every_experiment_tests_what_it_says():
     listed = kinds()
-    assert len(listed) == 13
+    assert len(listed) == 14
     offenders = [name for name in NAMES if load_experiment(name).kind not in listed]
     assert offenders == []
     counts = {name: len(load_experiment(name).claims) for name in NAMES}
@@ -120,6 +120,23 @@ def test_a_wrong_name_and_a_claim_without_its_source_are_refused():
         load_experiment("object-impedence")
     with pytest.raises(FieldError, match="where"):
         Claim(name="c", text="It moves.", theirs="no digit")
+
+
+def test_a_file_with_mistakes_and_missing_code_are_told_with_their_path(tmp_path):
+    file = tmp_path / "experiment.toml"
+    file.write_text("kind = 'k'", "utf-8")
+    with pytest.raises(FileReadError, match=r"experiment\.toml: (.|\n)*claims: must be given"):
+        Experiment.load(file)
+    with pytest.raises(FileReadError, match=r"no_such.experiment\.py: is missing"):
+        load_experiment(QUICK).replace(name="no-such").run()
+
+
+def test_a_number_of_no_claim_is_refused():
+    experiment = load_experiment(QUICK)
+    with pytest.raises(NameNotFoundError, match="typo"):
+        experiment.reproduction([Measured("typo", "n", 1.0)], [])
+    claim = experiment.claims[0].name
+    assert experiment.reproduction([Measured(claim, "n", 1.0, most=2.0)], []).verdict(claim) == "holds"
 
 
 # ---------------------------------------------------------------- the command
