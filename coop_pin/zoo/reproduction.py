@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from coop_pin.base.arrays import Array
 
 
@@ -62,6 +64,17 @@ class Trace(NamedTuple):
     x: Array
     y: Array
     dashed: bool = False
+
+
+def off_path(data: Any) -> Array:
+    """Return the distance of the payload from its path at each tick of a record, m, shape (ticks,)."""
+    return np.asarray(np.linalg.norm(data.pose_error.values[:, :3], axis=1))
+
+
+def off_squeeze(data: Any) -> Array:
+    """Return the largest error of an arm's internal force at each tick of a record, N, shape (ticks,)."""
+    wrench = data.internal_wrench.values - data.desired_internal_wrench.values
+    return np.asarray(np.linalg.norm(wrench[..., :3], axis=-1).max(axis=1))
 
 
 class Reproduction(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.zoo.reproduction import Measured, Trace
+from coop_pin.zoo.reproduction import Measured, Trace, off_path
 
 CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 RELATIVE = "the relative pose counts, not the absolute one"
@@ -30,17 +30,15 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         if label == "moved on":
             moved = 1e3 * float(np.linalg.norm(P[grasp] - P[0]))
             up = -data.interaction_wrench.values[..., 2] / WEIGHT
-            off = 1e3 * np.linalg.norm(data.pose_error.values[:, :3], axis=1).max()
+            off = 1e3 * off_path(data).max()
             curves.append(Trace("way of the box", time[:end], 1e3 * np.linalg.norm(P - P[0], axis=1)[:end]))
-            numbers.append(Measured(RELATIVE, "box moved on meanwhile by", moved, "mm", least=5 * TOLERANCE))
-            numbers.append(Measured(RELATIVE, "gap at the grasp, moved on", gap[grasp], "mm", most=TOLERANCE))
-            numbers.append(
-                Measured(PASSES, "both hands bear at least", 100 * up.sum(1).min(), "%", least=50.0)
-            )
-            numbers.append(
-                Measured(PASSES, "right hand bears at the end", 100 * abs(up[-1, 1]), "%", most=1.0)
-            )
-            numbers.append(Measured(PASSES, "box off its path at most", off, "mm", most=TOLERANCE))
+            numbers += [
+                Measured(RELATIVE, "box moved on meanwhile by", moved, "mm", least=5 * TOLERANCE),
+                Measured(RELATIVE, "gap at the grasp, moved on", gap[grasp], "mm", most=TOLERANCE),
+                Measured(PASSES, "both hands bear at least", 100 * up.sum(1).min(), "%", least=50.0),
+                Measured(PASSES, "right hand bears at the end", 100 * abs(up[-1, 1]), "%", most=1.0),
+                Measured(PASSES, "box off its path at most", off, "mm", most=TOLERANCE),
+            ]
         else:
             numbers.append(Measured(RELATIVE, "gap at the grasp, pushed", gap[grasp], "mm", least=TOLERANCE))
     return numbers, curves

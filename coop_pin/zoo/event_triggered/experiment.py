@@ -1,7 +1,5 @@
 """Event-triggered messages: two arms tell each other what changed, and hold a box as if they told all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +7,7 @@ import numpy as np
 
 import coop_pin as cp
 from coop_pin.base.arrays import Array
-from coop_pin.zoo.reproduction import Measured, Trace
+from coop_pin.zoo.reproduction import Measured, Trace, off_path
 
 CELL = Path(__file__).with_name("cell.toml")
 RATES = (250.0, 125.0, 62.5)
@@ -21,8 +19,8 @@ def carried(changes: dict[str, Any]) -> tuple[Array, Array, Array, float]:
     """Return times, bytes sent by then, position error, m, and rms error of the internal force, N."""
     data = cp.run(CELL, changes, warn=False).data
     off = np.hypot(data.internal_axial_error.values, data.internal_shear_error.values)
-    distance = np.linalg.norm(data.pose_error.values[:, :3], axis=1)
-    return data.time.values, data.bytes_sent.values.sum(axis=1), distance, float(np.sqrt(np.mean(off**2)))
+    sent = data.bytes_sent.values.sum(axis=1)
+    return data.time.values, sent, off_path(data), float(np.sqrt(np.mean(off**2)))
 
 
 def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
@@ -30,18 +28,16 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     time, upon, error, force = carried({})
     _, every, error_0, force_0 = carried({"network": {}})
     curves = [Trace("events", time, 1e-3 * upon), Trace("every tick", time, 1e-3 * every)]
-    part = 100 * upon[-1] / every[-1]
-    numbers = [Measured(FEWER, "bytes, part of those at every tick", part, "%", most=50.0)]
-    fewest = every[-1]
+    fewest, part, worst = every[-1], 100 * upon[-1] / every[-1], error.max() / error_0.max()
     for rate in () if short else RATES:
         _, sent, error_r, force_r = carried({"network": {"rate_hz": rate}})
         curves.append(Trace(f"{rate:g} Hz", time, 1e-3 * sent, dashed=True))
         if error_r.max() <= 1.1 * error_0.max() and force_r <= 1.1 * force_0:
             fewest = sent[-1]
-    if not short:
-        ratio = upon[-1] / fewest
-        numbers.append(Measured(FEWER, "over those of the slowest rate as precise", ratio, "", most=1.0))
-    worst = error.max() / error_0.max()
-    numbers.append(Measured(PRECISE, "largest position error over every tick's", worst, "", most=1.1))
-    numbers.append(Measured(PRECISE, "internal-force error over every tick's", force / force_0, "", most=1.1))
-    return numbers, curves
+    slowest = Measured(FEWER, "over those of the slowest rate as precise", upon[-1] / fewest, "", most=1.0)
+    return [
+        Measured(FEWER, "bytes, part of those at every tick", part, "%", most=50.0),
+        *(() if short else (slowest,)),
+        Measured(PRECISE, "largest position error over every tick's", worst, "", most=1.1),
+        Measured(PRECISE, "internal-force error over every tick's", force / force_0, "", most=1.1),
+    ], curves

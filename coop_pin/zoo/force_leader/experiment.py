@@ -55,15 +55,19 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         angle = np.degrees(np.arcsin(apart[-1] / np.linalg.norm(F[-1], axis=-1)).max())
         moved = 100 * np.linalg.norm(mean - mean[0], axis=-1).max() / np.linalg.norm(mean[0])
         measured = -np.polyfit(t, np.log(np.linalg.norm(apart, axis=1)), 1)[0]
-        numbers += [Measured(ALIGN, f"{n} robots: worst angle at N k t = 4", angle, "deg", most=10.0)]
-        numbers += [Measured(ALIGN, f"{n} robots: mean force moved by", moved, "%", most=5.0)]
-        numbers += [Measured(GROWS, f"{n} robots: rate over N k", measured / rate, "", 0.9, 1.1)]
+        numbers += [
+            Measured(ALIGN, f"{n} robots: worst angle at N k t = 4", angle, "deg", most=10.0),
+            Measured(ALIGN, f"{n} robots: mean force moved by", moved, "%", most=5.0),
+            Measured(GROWS, f"{n} robots: rate over N k", measured / rate, "", 0.9, 1.1),
+        ]
         y = np.linalg.norm(apart, axis=1) / np.linalg.norm(apart[0])
         curves += [Trace(f"{n} robots", t, y), Trace(f"exp(-{rate:g} t)", t, np.exp(-rate * t), dashed=True)]
     left, seconds, most, least = [], *((12.0, 0.5, 2.0) if short else (30.0, 0.05, 10.0))
     for k in (K, 0.0):
         data = ring(CELL, [ForceFollower(4, k=k, leads=not i) for i in range(4)], {"duration": seconds})
         left.append(float(np.linalg.norm(data.payload_position.values[-1, :2] - GOAL)))
-    numbers.append(Measured(STEERS, "left of 2.24 m by a leader with three", left[0], "m", most=most))
-    numbers.append(Measured(STEERS, "left by it alone, in multiples", left[1] / left[0], "", least=least))
-    return numbers, curves
+    return [
+        *numbers,
+        Measured(STEERS, "left of 2.24 m by a leader with three", left[0], "m", most=most),
+        Measured(STEERS, "left by it alone, in multiples", left[1] / left[0], "", least=least),
+    ], curves

@@ -61,9 +61,13 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         limits = {"most": 10.0} if label == "hold" else {"least": 50.0 if short else 90.0}
         numbers.append(Measured(DECIDES, f"arms {label}: done of the way", done, "%", **limits))
         if label != "hold":
-            up = 100.0 * np.abs(data.external_wrench.values[:, 2]).max() / weight
+            force = 100.0 * np.abs(data.external_wrench.values) / weight
+            up, aside = force[:, 2].max(), np.hypot(force[:, 0], force[:, 1]).max()
             apart = 100.0 * np.linalg.norm(data.internal_wrench.values[..., :3], axis=-1).max() / weight
-            numbers.append(Measured(BEAR, f"arms {label}: person up or down", up, "% weight", most=10.0))
-            numbers.append(Measured(ALONE, f"arms {label}: internal force", apart, "% weight", most=10.0))
+            numbers += [
+                Measured(BEAR, f"arms {label}: person up or down", up, "% weight", most=10.0),
+                Measured(BEAR, f"arms {label}: person sideways", aside, "% weight", most=50.0),
+                Measured(ALONE, f"arms {label}: internal force", apart, "% weight", most=10.0),
+            ]
     led = [1e3 * np.linalg.norm(hand.at(t).X_WP_d[:3, 3] - start) for t in curves[0].x]
     return numbers, [*curves, Trace("the person's hand", curves[0].x, np.array(led), dashed=True)]

@@ -52,18 +52,16 @@ def learn(free: Array, generations: int) -> tuple[Array, Array]:
 
 def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Learn one stiffness for all loads and one by mass; try both, and the first gains, on unseen loads."""
-    policies, curves, numbers = [np.zeros(4)], [], []
+    policies, curves = [np.zeros(4)], []
     for label, free in {"one stiffness": FIXED, "stiffness by mass": BY_MASS}.items():
         policy, best = learn(free, 3 if short else 12)
         policies.append(policy)
         curves.append(Trace(label, np.arange(1.0, len(best) + 1.0), best))
     track, cost = costs(np.array(policies), UNSEEN, 100)
-    ratio = 100 * track[2] / track[0]
-    numbers.append(Measured(LEARNT, "mean error, of that of the first gains", ratio.mean(), "%", most=50.0))
-    for mass, part in zip(UNSEEN, ratio, strict=True):
-        numbers.append(
-            Measured(LOADS, f"{mass:g} kg: error, of that of the first gains", part, "%", most=50.0)
-        )
-    part = 100 * cost[2].mean() / cost[1].mean()
-    numbers.append(Measured(LOADS, "by mass: cost, of that of one stiffness", part, "%", most=100.0))
-    return numbers, curves
+    ratio, part = 100 * track[2] / track[0], 100 * cost[2].mean() / cost[1].mean()
+    by_mass = {f"{mass:g} kg: error, of that of the first gains": k for k, mass in enumerate(UNSEEN)}
+    return [
+        Measured(LEARNT, "mean error, of that of the first gains", ratio.mean(), "%", most=50.0),
+        *(Measured(LOADS, text, ratio[k], "%", most=50.0) for text, k in by_mass.items()),
+        Measured(LOADS, "by mass: cost, of that of one stiffness", part, "%", most=100.0),
+    ], curves

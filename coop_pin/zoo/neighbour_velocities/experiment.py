@@ -1,14 +1,10 @@
 """Commanded velocities and neighbours' wrenches: three mobile arms relieve the plate that they carry."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import coop_pin as cp
-from coop_pin.zoo.reproduction import Measured, Trace
+from coop_pin.zoo.reproduction import Measured, Trace, off_squeeze
 
 CELL = Path(__file__).with_name("cell.toml")
 LINE = [["arm1", "arm2"], ["arm2", "arm1"], ["arm2", "arm3"], ["arm3", "arm2"]]
@@ -30,8 +26,7 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
 def residual(changes: dict[str, Any]) -> tuple[Any, Any]:
     """Return times, and the largest error of an arm's internal force, N."""
     data = cp.run(CELL, changes, warn=False).data
-    wrench = data.internal_wrench.values - data.desired_internal_wrench.values
-    return data.time.values, np.linalg.norm(wrench[..., :3], axis=-1).max(axis=1)
+    return data.time.values, off_squeeze(data)
 
 
 def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:

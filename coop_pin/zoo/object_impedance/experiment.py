@@ -1,7 +1,5 @@
 """Object impedance: a step of force moves the held box as the stated mass, damper and spring."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

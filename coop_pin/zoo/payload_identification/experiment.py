@@ -63,11 +63,11 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
             errors = {"mass": [*errors["mass"], mass], "inertia": [*errors["inertia"], inertia]}
         if end == ends[-1]:
             worst = 1e6 * np.abs(places).max()
-            numbers.append(Measured(GRASPS, f"{label}: worst place of a grasp", worst, "um", most=100.0))
-            numbers.append(Measured(MASS, f"{label}: mass off", mass, "%", most=1.0))
-            numbers.append(Measured(MASS, f"{label}: centre off", off, "mm", most=loose))
-            numbers.append(
-                Measured(INERTIA, f"{label}: worst moment of inertia off", inertia, "%", most=loose * 5.0)
-            )
+            numbers += [
+                Measured(GRASPS, f"{label}: worst place of a grasp", worst, "um", most=100.0),
+                Measured(MASS, f"{label}: mass off", mass, "%", most=1.0),
+                Measured(MASS, f"{label}: centre off", off, "mm", most=loose),
+                Measured(INERTIA, f"{label}: worst moment of inertia off", inertia, "%", most=loose * 5.0),
+            ]
     seconds = (ends - 200) * float(data.time[1])
     return numbers, [Trace(f"{name}, wrists with noise", seconds, np.array(y)) for name, y in errors.items()]

@@ -7,7 +7,7 @@ import numpy as np
 
 import coop_pin as cp
 from coop_pin.zoo.force_leader.experiment import ring
-from coop_pin.zoo.reproduction import Measured, Trace
+from coop_pin.zoo.reproduction import Measured, Trace, off_path
 
 CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 FOLLOWS, BOUNDED = "the object follows its path", "all signals stay bounded"
@@ -51,7 +51,7 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     curves, last, agents = [], {}, [Agent(adapts=True) for _ in range(robots)]
     for label, laws in {"adapts": agents, "does not adapt": [Agent(adapts=False)] * robots}.items():
         data = ring(CELL, laws, grasps | {"duration": seconds})
-        t, off = data.time.values, np.linalg.norm(data.pose_error.values[:, :2], axis=1)
+        t, off = data.time.values, off_path(data)
         early, late = t < seconds / 4, t > 0.75 * seconds
         force = np.linalg.norm(data.torque.values[..., :2], axis=-1).max(axis=1)
         last[label] = np.sqrt((off[late] ** 2).mean()), force[late].max() / force[early].max()
