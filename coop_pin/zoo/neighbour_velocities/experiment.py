@@ -41,5 +41,9 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         _, force = residual(length | changes)
         part = 100 * force[last].mean() / alone[last].mean()
         numbers.append(Measured(claim, f"{label}: part of no wrenches", part, "%", most=10.0))
+        if claim == LOCAL:
+            halves = [(time > end - 0.5) & (time <= end) for end in (2.0, 2.5, 3.0)]
+            worst = 100 * max(force[half].mean() / alone[half].mean() for half in halves)
+            numbers.append(Measured(claim, "the same, worst half second before", worst, "%", most=10.0))
         curves.append(Trace(label, time, force))
     return numbers, curves
