@@ -125,6 +125,7 @@ RIGID = [
     name
     for name, scenario in ((name, Scenario.load(name)) for name in scenario_names())
     if not (scenario.cell.has_force_elements or scenario.cell.jointed or scenario.cell.driven)
+    and scenario.cell.payload.links is None
     and "partner" not in [event.kind for event in scenario.events]
 ]
 """Scenarios of the catalogue that compiled code can run."""

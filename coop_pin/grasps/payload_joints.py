@@ -51,7 +51,9 @@ class PayloadJoints:
         self.stiffness = np.array([joint.stiffness for joint in stated])
         self._rest = np.array([joint.rest for joint in stated])
         self.damping, self._coulomb = (
-            np.array([of_urdf if own is None else own for own, of_urdf in zip(rows, urdf[at], strict=True)])
+            np.array(
+                [of_urdf if value is None else value for value, of_urdf in zip(rows, urdf[at], strict=True)]
+            )
             for rows, urdf in (
                 ([joint.damping for joint in stated], model.damping),
                 ([joint.friction for joint in stated], model.friction),
@@ -72,8 +74,8 @@ class PayloadJoints:
     def state(self, q: Array, v: Array) -> StopState:
         """Return force in the tree, shape (nv,), energy of springs and stops, and the power that is lost."""
         force = np.zeros(len(v))
-        own, energy, power = self._state(self.positions(q), v[self.linked.v_slice])
-        force[self.linked.v_slice] = own
+        joints, energy, power = self._state(self.positions(q), v[self.linked.v_slice])
+        force[self.linked.v_slice] = joints
         return StopState(force, energy, power)
 
     def _state(self, angles: Array, rates: Array) -> StopState:

@@ -146,7 +146,7 @@ class CellModel:
             add_frame(model, f"payload/{name}", held, X_JE)
         self.arms = tuple(_place(model, name, cell) for name in cell.arms)
         self.wheels = {name: _wheel_places(model, name) for name in cell.wheels}
-        rolling = (place for places in self.wheels.values() for place in places)
+        rolling = (wheel for wheels in self.wheels.values() for wheel in wheels)
         self.shared = (*_shared_places(model, cell, self.carrier), *rolling)
         self.surround(cell.surroundings)
 

@@ -44,17 +44,17 @@ def payload_findings(simulation: Simulation) -> Iterator[Finding]:
             rate,
         )
     for joint, link in free.items():
-        own = [mode for mode in modes if mode[2] == joint]
-        if not own:
+        of_joint = [mode for mode in modes if mode[2] == joint]
+        if not of_joint:
             sentence = f"nobody holds link {link!r}, and nothing returns joint {joint!r}"
             yield Finding("unheld link", f"cell.payload.links.joints.{joint}", "warning", sentence)
             continue
-        frequency, damping, _ = min(own)
+        frequency, damping, _ = min(of_joint)
         swing = f"at {joint!r} it swings with {frequency:.3g} Hz, damping ratio {damping:.2g}"
         sentence = f"nobody holds link {link!r}: {swing}"
         severity: Any = "warning" if damping < _SWINGS else "note"
-        place = f"cell.payload.links.joints.{joint}.damping"
-        yield Finding("unheld link", place, severity, sentence, damping, _SWINGS)
+        field = f"cell.payload.links.joints.{joint}.damping"
+        yield Finding("unheld link", field, severity, sentence, damping, _SWINGS)
 
 
 def _mode(pole: complex, shape: Array, names: tuple[str, ...]) -> tuple[float, float, str]:

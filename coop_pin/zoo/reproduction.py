@@ -16,9 +16,9 @@ class Measured(NamedTuple):
 
     Attributes:
         claim: name of the claim.
-        text: what was measured, a few words.
+        text: quantity that was measured, a few words.
         value: the number.
-        unit: its unit; "" without one.
+        unit: unit of the value; "" without one.
         least: lower limit.
         most: upper limit; a number without limits is told, and decides nothing.
     """

@@ -440,7 +440,7 @@ def test_measurements_of_every_sensor_are_floats_and_frozen_arrays():
                 assert value.base is None or not value.base.flags.writeable
             else:
                 assert value is None or type(value) is float
-    assert ArmMeasurement._fields[-4] == "messages"  # numbers of shared joints come after it
+    assert ArmMeasurement._fields[-5:-3] == ("messages", "sent")  # numbers of shared joints come after them
 
 
 def test_only_signals_that_differ_from_the_truth_are_recorded():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from typing import Annotated, Any, Literal, NamedTuple, Self, TypeAlias
-from xml.sax.saxutils import quoteattr
+from html import escape
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, model_validator
@@ -241,8 +241,8 @@ class DifferentialBase(Description):
         """Return the force along the heading and the torque of the servo, within the wheels' limits, (2,).
 
         Args:
-            pose: as of ``command``.
-            rates: as of ``command``.
+            pose: x, y and theta of the axle, as of ``command``.
+            rates: rates of x, y and theta, as of ``command``.
             command: the command.
             inertia: m and I, kg and kg m^2, shape (2,).
         """
@@ -276,7 +276,7 @@ class DifferentialBase(Description):
             middle=r + 0.5 * height,
             inertia=inertia,
             wheels="".join((*sides, *casters)),
-            root=quoteattr(root_of(urdf)),
+            root=f'"{escape(root_of(urdf))}"',
         )
         before, _, after = urdf.rpartition("</robot>")
         return f"{before}{added}</robot>{after}"

@@ -288,9 +288,9 @@ class Rods(NamedTuple):
 def _rod(name: str, mass: float, length: float, section: tuple[float, float]) -> str:
     (y, z), x = section, length
     xx, yy, zz = (mass / 12.0 * (a * a + b * b) for a, b in ((y, z), (x, z), (x, y)))
-    place = f'<origin xyz="{x / 2.0!r} 0 0"/>'
+    origin = f'<origin xyz="{x / 2.0!r} 0 0"/>'
     return (
-        f'<link name="{name}"><inertial>{place}<mass value="{mass!r}"/><inertia ixx="{xx!r}" iyy="{yy!r}"'
-        f' izz="{zz!r}" ixy="0" ixz="0" iyz="0"/></inertial><visual>{place}<geometry>'
+        f'<link name="{name}"><inertial>{origin}<mass value="{mass!r}"/><inertia ixx="{xx!r}" iyy="{yy!r}"'
+        f' izz="{zz!r}" ixy="0" ixz="0" iyz="0"/></inertial><visual>{origin}<geometry>'
         f'<box size="{x!r} {y!r} {z!r}"/></geometry></visual></link>'
     )

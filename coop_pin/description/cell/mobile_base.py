@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Annotated, Literal
-from xml.sax.saxutils import quoteattr
+from html import escape
 
 from pydantic import AfterValidator, field_validator
 
@@ -113,7 +113,7 @@ class MobileBase(Description):
         x, y, z = self.size
         inertia = [self.mass * (a * a + b * b) / 12.0 for a, b in ((y, z), (x, z), (x, y))]
         added = _PLATFORM.format(
-            base=self, x=x, y=y, z=z, middle=z / 2.0, inertia=inertia, root=quoteattr(root_of(urdf))
+            base=self, x=x, y=y, z=z, middle=z / 2.0, inertia=inertia, root=f'"{escape(root_of(urdf))}"'
         )
         before, _, after = urdf.rpartition("</robot>")
         return f"{before}{added}</robot>{after}"

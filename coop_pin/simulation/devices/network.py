@@ -75,7 +75,7 @@ class Mail(NamedTuple):
 
     Attributes:
         received: latest message of each arm that it hears, by the sender's name; None without a network.
-        sent: what it has sent since the start; None where nobody counts.
+        sent: messages and bytes that it has sent since the start; None where nobody counts.
     """
 
     received: dict[str, Message] | None

@@ -143,7 +143,7 @@ class SharedSensors(NamedTuple):
     Attributes:
         places: positions of the joints in the tree.
         rows: task rows of the cell.
-        arms: of each arm, None of one that no joint carries: its carrier, the joints with their axes at the
+        arms: carrier of each arm, None of one that no joint carries, the joints with their axes at the
             start; their places; delay, ticks; count and offset, m or rad; masks of position and rate.
     """
 
