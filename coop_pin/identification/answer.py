@@ -38,8 +38,8 @@ class Blame:
         unexplained: force that the wrists read and no cause explains, root mean square, N; NaN without it.
         share: newtons by load shares of the law that are not those of the cell; None without wrenches. It is
             among the causes where the log shows it.
-        excitation: errors that the log shows least of, and the motion that would show it; None where no arm can move
-            so, or without newtons.
+        excitation: errors that the log shows least of, and the motion that would show it; None where no arm
+            can move so, or without newtons.
         simulated: why newtons are those of runs with a cause alone; empty where formulas cover the law.
         uncovered: why no newtons are known; empty if they are.
     """

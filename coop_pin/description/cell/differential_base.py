@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, NamedTuple, Self, TypeAlias
 from html import escape
+from typing import Annotated, Any, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, model_validator

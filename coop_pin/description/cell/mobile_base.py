@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
 from html import escape
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, field_validator
 
