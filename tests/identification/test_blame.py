@@ -114,6 +114,7 @@ def test_newtons_are_within_their_intervals_and_no_arm_is_named_where_a_differen
     assert answer.views[1] - 0.02 <= total <= answer.views[2] + 0.02
 
 
+@pytest.mark.gate
 def test_newtons_by_formula_are_those_of_runs():
     """Tip, base, joint and wrist of the planar pair, one at a time, without noise: 10 % or 0.05 N."""
     scenario = scenario_of("adept").override({"sensors": {"wrist": {}}, "duration": 8.0})
@@ -148,6 +149,7 @@ def test_at_rest_the_law_holds_what_its_steady_state_says():
     assert np.allclose(phi[:, 2], [1.0, -1.0], rtol=1e-6)
 
 
+@pytest.mark.gate
 def test_the_corrected_cell_has_the_force_of_the_log():
     scenario, causes, _, cell, answer = answered("adept", 2)
     quiet = {f"arm_sensors.{name}.wrist.noise": {} for name in cell.cell.arms}
@@ -203,7 +205,13 @@ MISUSE = {
 }
 
 
-@pytest.mark.parametrize("name", MISUSE)
+LONG = ("the sign of a wrench", "milliseconds")
+"""Misuse whose telling takes seconds."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.gate] * (name in LONG)) for name in MISUSE]
+)
 def test_misuse_is_refused_and_blamed_on_no_joint(name):
     change, words = MISUSE[name]
     _, _, record, cell, _ = misused()
