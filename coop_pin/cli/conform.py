@@ -75,7 +75,8 @@ def zoo(
     if not (names or all):
         if json:
             print(json_text.dumps([one.model_dump() for one in chosen], indent=2))
-        for one in () if json else chosen:
+            return
+        for one in chosen:
             print_wrapped(f"{one.name:<24} {len(one.claims)} claims  {one.title}")
         return
     told = []

@@ -147,7 +147,30 @@ def placed_at(measurement: ArmMeasurement, view: Array, X_d: Array) -> ArmMeasur
     return measurement._replace(payload_pose=X, payload_twist=view[6:])
 
 
-class MeanPose(PayloadSpace):
+class ExchangedPoses(PayloadSpace):
+    """Payload-space law on the poses of all arms, whatever it makes of them; a base of laws."""
+
+    controls_grasps: ClassVar[bool] = False  # views by tips that turn in their joints have no mean
+
+    @model_validator(mode="after")
+    def _sees_no_deflection(self) -> Self:
+        if self.knows_deflection:
+            detail = "is true, but the poses that all arms see together have no deflection by a squeeze"
+            raise FieldError(f"{detail}; leave it out", "knows_deflection")
+        return self
+
+    @property
+    def load_transfer(self) -> LoadTransfer:
+        """Response of an arm that reads no plan: the poses are those of all."""
+        return super().load_transfer._replace(follows_plan=False)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Needs of the law: the poses of all arms, and wrenches as stated."""
+        return ("poses of all arms", *super().needs)
+
+
+class MeanPose(ExchangedPoses):
     """The payload-space law on exchanged poses: MeanPoseController.
 
     Where the scenario has a network, the arms hear each other through it, by MeanPoseByMessages; without one
@@ -162,7 +185,6 @@ class MeanPose(PayloadSpace):
             integrals, by AgreedIntegral.
     """
 
-    controls_grasps: ClassVar[bool] = False  # views by tips that turn in their joints have no mean
     works_apart: ClassVar[bool] = False  # nothing would keep a tool beside the payload
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
@@ -173,24 +195,11 @@ class MeanPose(PayloadSpace):
 
     @model_validator(mode="after")
     def _leaks_somewhere(self) -> Self:
-        if self.knows_deflection:
-            detail = "is true, but the mean of the poses that all arms see has no deflection by a squeeze"
-            raise FieldError(f"{detail}; leave it out", "knows_deflection")
         if self.leak_to == "mean" and (self.measures or not self.gains.leak):
             why = "a measured wrench anchors the integral" if self.measures else "gains.leak is its rate"
             detail = f"is 'mean', but {why}; " + ("take 'start'" if self.measures else "state one above 0")
             raise FieldError(detail, "leak_to")
         return self
-
-    @property
-    def load_transfer(self) -> LoadTransfer:
-        """Response of an arm that reads no plan: the mean is of the poses of all."""
-        return super().load_transfer._replace(follows_plan=False)
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Needs of the law: the poses of all arms, and wrenches as stated."""
-        return ("poses of all arms", *super().needs)
 
     def _leak(self, gains: PayloadSpaceGains) -> float:
         """Return lambda, 1/s: none where the integrals agree by themselves."""

@@ -6,19 +6,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, Literal, Self
-
-from pydantic import model_validator
+from typing import Any, Literal
 
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative
 from coop_pin.base.spatial import TaskRows
 from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.controller import CellController, DecentralisedController
-from coop_pin.control.law import LoadTransfer
 from coop_pin.control.law_wrapper import CellLawWrapper
-from coop_pin.control.laws.mean_pose import placed_at, view_of
-from coop_pin.control.laws.payload_space import PayloadSpace
+from coop_pin.control.laws.mean_pose import ExchangedPoses, placed_at, view_of
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.steady_state import SteadyDirection
 
@@ -78,7 +74,7 @@ class SymmetricController(CellLawWrapper):
         return twists, references
 
 
-class Symmetric(PayloadSpace):
+class Symmetric(ExchangedPoses):
     """The payload-space law on the absolute and relative pose of all arms: SymmetricController.
 
     One controller of all arms, which exchange poses as those of ``mean-pose`` do, without messages.
@@ -88,27 +84,8 @@ class Symmetric(PayloadSpace):
             the absolute pose alone; above 1 stiffer in relative than in absolute motions.
     """
 
-    controls_grasps: ClassVar[bool] = False  # views by tips that turn in their joints have no mean
-
     kind: Literal["symmetric"] = "symmetric"  # type: ignore[assignment]  # names the class, not its base
     relative_gain: NotNegative = 1.0
-
-    @model_validator(mode="after")
-    def _sees_no_deflection(self) -> Self:
-        if self.knows_deflection:
-            detail = "is true, but absolute and relative poses have no deflection by a squeeze; leave it out"
-            raise FieldError(detail, "knows_deflection")
-        return self
-
-    @property
-    def load_transfer(self) -> LoadTransfer:
-        """Response of an arm that reads no plan: the absolute pose is of all."""
-        return super().load_transfer._replace(follows_plan=False)
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Needs of the law: the poses of all arms, and wrenches as stated."""
-        return ("poses of all arms", *super().needs)
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell; see Law.
