@@ -89,7 +89,7 @@ def test_uneven_pose_gains_belong_to_no_axes():
 
 
 def test_mean_pose_knows_no_deflection():
-    with pytest.raises(FieldError, match="mean of the poses"):
+    with pytest.raises(FieldError, match="knows_deflection: is true"):
         cp.laws.MeanPose(gains=ANCHORED["planar"].gains, knows_deflection=True)
 
 
