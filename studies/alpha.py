@@ -2,7 +2,7 @@
 
 Runs the paper's experiment, a load, a lighter payload and a bias at three control rates, from six starts, and
 at two force gains; finished runs are kept in out/studies/alpha. Writes studies/alpha.csv, the tables of
-docs/concepts/alpha.md and docs/images/study-alpha.png.
+docs/studies/alpha.md and docs/images/study-alpha.png.
 
 Usage: python studies/alpha.py [--draw]
 """
@@ -29,7 +29,7 @@ from coop_pin.figures.style import label, styled
 
 HERE = Path(__file__).parent
 DATA = HERE / "alpha.csv"
-PAGE = HERE.parent / "docs" / "concepts" / "alpha.md"
+PAGE = HERE.parent / "docs" / "studies" / "alpha.md"
 METRIC = "claims_window:judged"
 ALPHA, FORCE_GAIN = "controller.gains.sign_gain", "controller.gains.force_gain"
 ALPHAS = (0.0, *(float(f"{digit}e{power}") for power in range(-5, 0) for digit in (1, 2, 5)), 1.0)

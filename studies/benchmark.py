@@ -1,8 +1,8 @@
 """Benchmark of all controllers, from stored gains, in the cells that have them.
 
 Runs what is missing in out/studies/benchmark, and writes studies/benchmark.csv, what was run into
-docs/concepts/benchmark.md and docs/studies/benchmark.md, and docs/images/benchmark-CELL.png. With --page,
-only the text, from the CSV.
+docs/studies/benchmark.md and docs/studies/benchmark-tables.md, and docs/images/benchmark-CELL.png. With
+--page, only the text, from the CSV.
 
 With --controllers, only those are run, and the other rows of the CSV stay.
 
@@ -33,8 +33,8 @@ from coop_pin.stability.loop_stability import LEAST_DAMPING
 
 HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
-PAGE = HERE.parent / "docs" / "concepts" / "benchmark.md"
-TABLES = HERE.parent / "docs" / "studies" / "benchmark.md"
+PAGE = HERE.parent / "docs" / "studies" / "benchmark.md"
+TABLES = HERE.parent / "docs" / "studies" / "benchmark-tables.md"
 FORCES = ("nominal", "noise", "bias 0.1 mm", "bias 1 mm", "base turned by 1 mrad", "wrist lost at half time")
 TRACKING = ("nominal", "bias 1 mm", "mass x0.5", "mass x2", "push", "torque of an arm lost")
 NEAR = 0.05

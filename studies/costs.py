@@ -1,6 +1,6 @@
 """Cost of a tick by controller, for arms of 3, 6 and 7 joints: time in Python as a ratio, and operations.
 
-Writes studies/costs.csv, the table in docs/studies/benchmark.md and docs/images/study-costs.png.
+Writes studies/costs.csv, the table in docs/studies/benchmark-tables.md and docs/images/study-costs.png.
 The times are those of the machine that runs it. Usage: python studies/costs.py [--draw]
 """
 
@@ -22,7 +22,7 @@ from coop_pin.figures.style import label, styled
 
 HERE = Path(__file__).parent
 DATA = HERE / "costs.csv"
-PAGE = HERE.parent / "docs" / "studies" / "benchmark.md"
+PAGE = HERE.parent / "docs" / "studies" / "benchmark-tables.md"
 CELLS = {3: "adept-anchored", 6: "kinova-pair", 7: "two-pandas-box"}
 """Cells of two arms, by the joints of an arm."""
 MARKS = {3: (palette.ACTUAL, "o"), 6: (palette.INTERNAL, "s"), 7: (palette.LOAD, "D")}

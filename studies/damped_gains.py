@@ -4,7 +4,7 @@ The search bounds T lambda alone. Where a mode of the payload has a damping rati
 one gain is lowered that has to change least, in logarithms, until it has not, within the range of the search;
 where none does it alone, two. Gains of the search with that bound are within it, and stay. Reads ``searched``
 of coop_pin/comparison/gains.csv, writes ``value``, and measures what it costs in the trials of the search:
-studies/damped_gains.csv and a table of docs/studies/benchmark.md. Some minutes of one processor.
+studies/damped_gains.csv and a table of docs/studies/benchmark-tables.md. Some minutes of one processor.
 
 Usage: python studies/damped_gains.py [--cells NAME ...] [--page]
 """
@@ -32,7 +32,7 @@ from coop_pin.stability.loop_stability import LEAST_DAMPING
 
 HERE = Path(__file__).parent
 DATA = HERE / "damped_gains.csv"
-PAGE = HERE.parent / "docs" / "studies" / "benchmark.md"
+PAGE = HERE.parent / "docs" / "studies" / "benchmark-tables.md"
 
 MARGIN = 1e-3
 """Damping ratio by which lowered gains lie above the bound, so that rounding keeps them there."""

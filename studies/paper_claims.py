@@ -3,7 +3,7 @@
 Runs the paper's experiment with the printed law at three alphas and three other laws under seven trials, and
 over the force gain; finished runs are kept in out/studies/paper_claims. The whole curve over alpha is that of
 studies/alpha.py. Writes the tables in studies/paper_claims, studies/losses.csv, the tables in
-docs/concepts/paper-claims.md and docs/studies/paper-claims.md, and docs/images/study-paper-claims.png.
+docs/studies/paper-claims.md, and docs/images/study-paper-claims.png.
 
 Usage: python studies/paper_claims.py [--draw]
 """
@@ -28,8 +28,7 @@ from coop_pin.comparison.trials import changes_of
 HERE = Path(__file__).parent
 DATA = HERE / "paper_claims"
 LOSSES = HERE / "losses.csv"
-PAGE = HERE.parent / "docs" / "concepts" / "paper-claims.md"
-TABLES = HERE.parent / "docs" / "studies" / "paper-claims.md"
+PAGE = HERE.parent / "docs" / "studies" / "paper-claims.md"
 METRIC = "claims_window:judged"
 PRINTED = {"printed, α = 0.002": 0.002, "printed, α = 0.2": 0.2, "printed, α = 0": 0.0}
 """The scenario's own law, and its alpha: as shipped, as it takes loads up, and without integral."""
@@ -128,8 +127,8 @@ def blocks(tables: Mapping[str, pd.DataFrame]) -> dict[tuple[Path, str], str]:
     """Return what the study writes, by page and name of its blocks."""
     return {
         (PAGE, "verdicts"): claims_tables.verdicts(curve(), pd.read_csv(HERE / "costs.csv")),
-        (TABLES, "experiment"): claims_tables.experiment(tables["laws"]),
-        (TABLES, "robustness"): claims_tables.robustness(tables["laws"]),
+        (PAGE, "experiment"): claims_tables.experiment(tables["laws"]),
+        (PAGE, "robustness"): claims_tables.robustness(tables["laws"]),
         (PAGE, "force gain"): claims_tables.force_gain(tables["force_gain"], FORCE_GAIN),
     }
 

@@ -19,10 +19,9 @@ WORDS = {
 
 @cache
 def page_text(page):
-    """A page on one line: README, a name in docs/concepts, or a path such as docs/studies/front.md."""
-    folder = "" if page == "README" else "docs/concepts/"
-    path = page if page.endswith(".md") else f"{folder}{page}.md"
-    return (REPOSITORY / path).read_text(encoding="utf-8").replace("\n", " ")
+    """A page on one line: README, or the name of a page in a folder of docs."""
+    (path,) = REPOSITORY.glob("README.md" if page == "README" else f"docs/*/{page}.md")
+    return path.read_text(encoding="utf-8").replace("\n", " ")
 
 
 def read_numbers(page, pattern):

@@ -23,15 +23,13 @@ from typing import NamedTuple
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 STATED = REPOSITORY / "tools" / "stated_numbers.tsv"
-CONCEPTS = ("choose", "front", "paper", "paper-claims", "alpha", "impossibility", "messages")
 PAGES = {
     "README": "README.md",
-    **{name: f"docs/concepts/{name}.md" for name in CONCEPTS},
-    "docs/studies/front.md": "docs/studies/front.md",
-    "docs/studies/paper-claims.md": "docs/studies/paper-claims.md",
+    **{name: f"docs/concepts/{name}.md" for name in ("choose", "paper", "impossibility", "messages")},
+    **{name: f"docs/studies/{name}.md" for name in ("alpha", "front", "paper-claims")},
 }
 """Pages by the name that tests give them."""
-WHOLE = {"docs/studies/front.md"}
+WHOLE = {"front"}
 """Pages whose tables a test compares whole, without comments around them."""
 READERS = ("repository", "proof", "simulation", "control")
 """Folders of the tests that read these pages."""

@@ -19,8 +19,8 @@ from coop_pin.cli.conform import conform_folder
 REPOSITORY = Path(__file__).parents[2]
 CONFORM = REPOSITORY / "benchmarks" / "conform"
 PAGE, DIGITS = (
-    (REPOSITORY / "docs" / folder / name).read_text(encoding="utf-8")
-    for folder, name in (("concepts", "other-engines.md"), ("studies", "conform.md"))
+    (REPOSITORY / "docs" / "studies" / name).read_text(encoding="utf-8")
+    for name in ("other-engines.md", "conform.md")
 )
 TRAPS = sorted((CONFORM / "traps").glob("*.py"))
 OFF = 6.0

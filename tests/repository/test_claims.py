@@ -188,7 +188,7 @@ def test_the_catalogues_damping_is_as_the_page_says(every):
 
 def test_damping_of_single_arms_is_beyond_the_limit():
     """T lambda_max(Lambda_i^-1 c_i K), limit 2, of soft grasps."""
-    page = (CONCEPTS / "not-modelled.md").read_text(encoding="utf-8")
+    page = (CONCEPTS.parent / "reference" / "not-modelled.md").read_text(encoding="utf-8")
     rows = re.findall(r"([\d.]+) for `([\w-]+)`", page)
     assert len(rows) == 3
     for value, name in rows:
@@ -513,7 +513,7 @@ def test_half_of_the_gains_at_an_end_of_their_range_are_the_pose_gain_that_is_re
     gains = pd.read_csv(REPOSITORY / "coop_pin" / "comparison" / "gains.csv")
     part = np.log(gains["value"] / gains["low"]) / np.log(gains["high"] / gains["low"])
     at_end = gains[(part < 0.05) | (part > 0.95)]
-    page = (CONCEPTS / "benchmark.md").read_text(encoding="utf-8")
+    page = (STUDIES.parent / "docs" / "studies" / "benchmark.md").read_text(encoding="utf-8")
     shown = re.search(r"(\d+) of (\d+) tuned gains lie within 5% of an end", page)
     assert [int(count) for count in shown.groups()] == [len(at_end), len(gains)]
     required = at_end[

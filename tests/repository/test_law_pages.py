@@ -117,15 +117,14 @@ def test_the_papers_experiment_is_as_its_page_says(studies):
     soft = cp.Scenario.load("adept-compliant").cell.grasps["left"]
     stiffness = r"by a contact stiffness of (\d+) kN/m"
     require_numbers("paper", {stiffness: 1e-3 * soft.stiffness[0]})
-    for page in ("paper-claims", "docs/studies/paper-claims.md"):
-        told = {
-            r"Two Adept arms, (\d+) Hz; at (\d+) s the mass": [clock.rate_hz, push.time],
-            r"axial force (−\d+) N": -10.0,
-        }
-        require_numbers(page, told)
+    told = {
+        r"Two Adept arms, (\d+) Hz; at (\d+) s the mass": [clock.rate_hz, push.time],
+        r"axial force (−\d+) N": -10.0,
+    }
+    require_numbers("paper-claims", told)
     window = studies["claims_window"]
     told = r"both rms from (\d) to (\d+) s / the latter over the last second of (\d+) s"
-    require_numbers("docs/studies/paper-claims.md", {told: [window.FROM, window.EVENT, scenario.duration]})
+    require_numbers("paper-claims", {told: [window.FROM, window.EVENT, scenario.duration]})
     require_numbers(
         "paper-claims",
         {
@@ -163,7 +162,7 @@ def test_loads_and_biases_on_the_page_of_the_paper_are_those_of_the_curve(studie
             r"In our runs at (\d+) Hz the integral": 80,
             r"the sign adds, from (\d) to (\d+) s, \[an error that grows": [window.FROM, window.EVENT],
             r"internal force ramps, in runs of (\d+) s": cp.Scenario.load("adept-paper").duration,
-            r"with alpha\]\(alpha.md\) from ([\d.]+) on": first,
+            r"with alpha\]\(../studies/alpha.md\) from ([\d.]+) on": first,
             r"median over six starts, (\d+) N": alpha.at(table, 80.0, "bias 1 mm", "end_force_N").loc[
                 0.2, "median"
             ],
@@ -343,7 +342,7 @@ def test_the_page_of_the_front_says_what_its_study_runs(studies):
     )
     assert load["wrench"][1] == adept.faults["load"] / 5.0
     told = r"\$K_d\$ = diag\(([^)]*)\) and diag\(([^)]*)\), \$K\$ = diag\(([^)]*)\) and diag\(([^)]*)\)"
-    shown = [list(map(float, text.split(", "))) for text in read_numbers("docs/studies/front.md", told)]
+    shown = [list(map(float, text.split(", "))) for text in read_numbers("front", told)]
     assert shown == [next(iter(cell.gains[law].values())) for law in (0, 1) for cell in (adept, panda)]
 
 
@@ -490,7 +489,7 @@ def test_a_force_that_depends_on_the_last_digits_of_alpha_is_told(studies, judge
         changes = tuned | {alpha: tuned[alpha] * (1.0 + part)}
         forces.append(window.judged(cp.run(scenario, changes, warn=False))["force_N"])
     told = r"csv` it is ([\d.]+) N, with .* millionth larger ([\d.]+) N, .* thousandth larger ([\d.]+) N"
-    require_numbers("docs/studies/front.md", {told: forces})
+    require_numbers("front", {told: forces})
 
 
 def test_what_helps_to_choose_has_numbers_of_its_tables(studies):
@@ -506,7 +505,7 @@ def test_what_helps_to_choose_has_numbers_of_its_tables(studies):
                 *with_model,
                 *anchored,
             ],
-            r"has (\w+) laws with one budget, \[the benchmark\]\(benchmark.md\) (\w+) with": [
+            r"has (\w+) laws with one budget, \[the benchmark\]\(../studies/benchmark.md\) (\w+) with": [
                 len(studies["front"].LAWS),
                 len(controller_names()),
             ],

@@ -16,8 +16,9 @@ from coop_pin.control.force_paths.averaged_wrench import ConsensusForcePath, ave
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PAGES = {
-    name: (REPOSITORY / "docs" / "concepts" / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("alpha", "messages", "paper", "paper-claims")
+    name: (REPOSITORY / "docs" / folder / f"{name}.md").read_text(encoding="utf-8")
+    for folder, names in (("concepts", ("messages", "paper")), ("studies", ("alpha", "paper-claims")))
+    for name in names
 }
 TIP = "cell.arms.left.calibration_error.tip.xyz"
 FILTERED = {"sensors.wrist": {}, "controller.force_path": {"kind": "low-pass", "pole": 0.9}}

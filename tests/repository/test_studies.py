@@ -17,10 +17,9 @@ from coop_pin.stability.loop_stability import LEAST_DAMPING
 
 FOLDER = Path(__file__).parents[2] / "studies"
 CONCEPTS = FOLDER.parent / "docs" / "concepts"
-BENCHMARK = (CONCEPTS / "benchmark.md").read_text(encoding="utf-8")
-TABLES, FRONT = (
+BENCHMARK, TABLES, FRONT = (
     (FOLDER.parent / "docs" / "studies" / name).read_text(encoding="utf-8")
-    for name in ("benchmark.md", "front.md")
+    for name in ("benchmark.md", "benchmark-tables.md", "front.md")
 )
 ERROR, ALPHA = "settled_axial_rms_error_N", "controller.gains.sign_gain"
 COUNTS = {
@@ -545,7 +544,7 @@ def test_the_anchored_law_loses_where_another_is_less(claims):
 
 
 def claims_page():
-    return (CONCEPTS / "paper-claims.md").read_text(encoding="utf-8")
+    return (CONCEPTS.parent / "studies" / "paper-claims.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("draw")

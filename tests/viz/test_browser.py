@@ -671,7 +671,11 @@ def test_the_pages_of_the_site_show_their_equations_and_images_with_the_network_
         site / "verification.html",
         site / "api" / "index.html",
     ]
-    pages += [*sorted((site / "concepts").glob("*.html")), *sorted((site / "howto").glob("*.html"))]
+    pages += [
+        page
+        for name in ("concepts", "howto", "studies", "reference")
+        for page in sorted((site / name).glob("*.html"))
+    ]
     equations = 0
     for path in pages:
         with offline_page(path, width) as page:
