@@ -101,7 +101,7 @@ figures.torque_figure(result)
 
 # %% [markdown]
 # ## Tracking against internal force
-# The paper claims that the internal force converges (Theorem 3). It does not: each arm integrates the *sign*
+# The paper claims that the internal force converges (Theorem 3). It need not: each arm integrates the *sign*
 # of its own sliding variable (gain alpha), the integrals of two arms that hold one rigid bar differ, and the
 # difference becomes internal force. At the shipped alpha, 0.002, little of it is seen, and the bar is tracked
 # best; but an unknown load of 100 N takes it two minutes. At 0.2 that takes 3 s, and costs internal force.

@@ -57,6 +57,7 @@ SHOWN = {
     "bias 0.1 mm": ("force_N", "end_force_N"),
     "bias 1 mm": ("force_N", "end_force_N"),
     **dict.fromkeys(DYNAMICS, ("position_mm", "force_N")),
+    **{f"{name}, K_f 9": ("position_mm", "force_N") for name in DYNAMICS[:-1]},
     **{
         f"K_f {gain:g}": ("force_N", "end_force_N", "force_in_band_s", "force_converged_s")
         for gain in FORCE_GAINS
@@ -137,9 +138,11 @@ def starts(count: int) -> dict[str, dict[str, Any]]:
 def plans() -> Iterator[tuple[str, float, dict[str, cp.SweepPlan]]]:
     """Yield name and control rate of each trial, and its plans by start, one after the other for memory."""
     paper = cp.Scenario.load("adept-paper", {"sensors.wrist": {}})
+    others, with_gain = dynamics(paper), force_gains()["K_f 9"]
+    fed = {f"{name}, K_f 9": others[name] | with_gain for name in DYNAMICS[:-1]}
     for rate, steps in STEPS.items():
         clock = {"clock": {"rate_hz": rate, "steps_per_tick": steps}}
-        more = force_gains() | dynamics(paper) if rate == paper.clock.rate_hz else {}
+        more = force_gains() | others | fed if rate == paper.clock.rate_hz else {}
         for name, changes in (trials(rate) | more).items():
             yield (
                 name,

@@ -34,8 +34,8 @@ UNSENSED = sum(not filled for *_, filled in LAWS.values())
 LIMITS: Any = {"xlim": (2e-4, 60.0), "ylim": (3e-3, 400.0)}
 TITLES = {"adept": "two Adept arms", "panda": "two Pandas"}
 SHOWN = ("nominal", "bias 1 mm", "unknown load", "bias 0.1 mm and load")
-PRODUCT = {"adept": 0.25 * 0.1 * 100.0, "panda": 0.25 * 0.1 * 40.0}
-"""c_1 c_2 b D of the trial with both a bias and a load, mm N."""
+BIAS, LOAD = 0.1, {"adept": 100.0, "panda": 40.0}
+"""Bias b, mm, and load D, N, of the trial with both: the product bound is c_1 c_2 b D / (e + b)."""
 MEASURES = {"position_mm": "position error, mm rms", "force_N": "internal-force error, N rms"}
 
 
@@ -71,15 +71,16 @@ def front_figure(judged: pd.DataFrame, tuning: pd.DataFrame) -> Figure:
             for trial, panel in zip(SHOWN, column[1:], strict=True):
                 draw_trial(panel, mine[mine["trial"] == trial])
                 label(panel, trial, "")
-            ends = np.array([1e-6, 1e6])
-            column[-1].plot(ends, PRODUCT[cell] / ends, color=palette.LIMIT, linestyle=":", linewidth=1.0)
+            errors = np.geomspace(*LIMITS["xlim"])
+            bound = 0.25 * BIAS * LOAD[cell] / (errors + BIAS)
+            column[-1].plot(errors, bound, color=palette.LIMIT, linestyle=":", linewidth=1.0)
             label(column[0], f"{TITLES[cell]}, tuning: 30 runs of each law", "")
             column[-1].set_xlabel(MEASURES["position_mm"])
         figure.supylabel(MEASURES["force_N"], fontsize=9.0)
         axes[0, 0].set(**LIMITS)
         handles = [Line2D([], [], linestyle="none", label=named(law), **marker(law)) for law in LAWS]
-        bound = Line2D([], [], color=palette.LIMIT, linestyle=":", label="bound on own views")
-        figure.legend(handles=[*handles, bound], loc="outside upper center", ncols=4, columnspacing=1.2)
+        dotted = Line2D([], [], color=palette.LIMIT, linestyle=":", label="bound on own views")
+        figure.legend(handles=[*handles, dotted], loc="outside upper center", ncols=4, columnspacing=1.2)
     return figure
 
 

@@ -156,10 +156,19 @@ def test_the_curve_over_alpha_on_a_plant_of_its_own():
 
 
 def test_a_load_before_the_integral_takes_it_up():
-    """At 10 s 100 N sag by (sum_i J_i^-T K_d J_i^-1 gamma)^-1 L: 90 mm in the worst direction."""
+    """At 10 s 100 N sag by (sum_i J_i^-T K_d J_i^-1 gamma)^-1 L at most: 90 mm in the worst direction.
+
+    The integral takes some of it up on the way there.
+    """
     x_d, _ = desired(10.0)
     _, J = payload(joints(x_d[None]), 0.0)
     B = sum(2.0 * np.linalg.inv(j).T @ np.diag(K_D) @ np.linalg.inv(j) for j in J[0])
-    sag = 1e3 * 100.0 * np.linalg.norm(np.linalg.inv(B)[:2, :2], 2)
-    assert_allclose(sag, 90.4, atol=0.5)
-    require_numbers("alpha", {r"or (\d+) mm in the worst direction": sag})
+    _, sags, directions = np.linalg.svd(1e3 * 100.0 * np.linalg.inv(B)[:2, :2])
+    assert_allclose(sags[0], 90.4, atol=0.5)
+    _, push = cp.Scenario.load("adept-paper").events
+    wrench = [*(100.0 * directions[0]), 0.0, 0.0, 0.0, 0.0]
+    load = push.model_dump() | {"duration": 4.0, "wrench": wrench}
+    data = cp.run("adept-paper", {"events": [load], "duration": 14.0}, warn=False).data
+    peak = 1e3 * np.linalg.norm(data.pose_error.values[data.time.values > 10.0, :2], axis=1).max()
+    assert peak < sags[0]
+    require_numbers("alpha", {r"or (\d+) mm in the worst direction": peak})

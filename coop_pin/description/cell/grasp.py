@@ -28,7 +28,7 @@ STIFFNESSES = {
 }
 """Stiffness of a grasp by name, N/m and N m/rad.
 
-"paper" is the 300 kN/m of the paper's own simulation, and "soft" the 5 kN/m of a planner for
+"paper" is the 300 kN/m of the object in the paper's simulation, and "soft" the 5 kN/m of a planner for
 torque-controlled dual arms. Neither source states the rotation: it is k / 100 m^2, as for pads of some 0.1 m.
 """
 
@@ -50,8 +50,8 @@ class CompliantGrasp(Pose):
         xyz: Position of the grasp frame in payload axes, m.
         rpy: Roll, pitch, yaw of the grasp frame, rad.
         kind: "compliant"; in a file, a grasp without a kind is rigid.
-        stiffness: Diagonal of K in grasp axes, N/m and N m/rad: six numbers, or "paper" (300 kN/m and 3
-            kN m/rad), "firm" (30 kN/m, 0.3 kN m/rad) or "soft" (5 kN/m, 50 N m/rad).
+        stiffness: Diagonal of K in grasp axes, N/m and N m/rad: six numbers, or "paper" (300 kN/m of its
+            object, our 3 kN m/rad), "firm" (30 kN/m, 0.3 kN m/rad) or "soft" (5 kN/m, 50 N m/rad).
         damping_ratio: zeta of D_ii = 2 zeta sqrt(K_ii / W_ii), with W the mobility between tip and grasp at
             the start, arm and payload free.
         damping: Diagonal of D, N s/m and N m s/rad, in place of the ratio.
