@@ -139,7 +139,7 @@ def plans() -> Iterator[tuple[str, float, dict[str, cp.SweepPlan]]]:
     """Yield name and control rate of each trial, and its plans by start, one after the other for memory."""
     paper = cp.Scenario.load("adept-paper", {"sensors.wrist": {}})
     others, with_gain = dynamics(paper), force_gains()["K_f 9"]
-    fed = {f"{name}, K_f 9": others[name] | with_gain for name in DYNAMICS[:-1]}
+    fed = {f"{name}, K_f 9": with_gain | others[name] for name in DYNAMICS[:-1]}
     for rate, steps in STEPS.items():
         clock = {"clock": {"rate_hz": rate, "steps_per_tick": steps}}
         more = force_gains() | others | fed if rate == paper.clock.rate_hz else {}

@@ -260,7 +260,7 @@ def robust(curve: pd.DataFrame) -> Claim:
         "exact kinematics; masses, inertias and friction are unknown but bounded; no explicit compensation of"
         " external disturbances, but of viscous friction (section 3)",
         (
-            *rules("under other masses and friction", dynamics),
+            *rules("under half or twice the payload's mass, or three times the friction,", dynamics),
             fed,
             relative,
             *(

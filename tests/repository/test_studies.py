@@ -497,6 +497,14 @@ def test_what_the_gains_of_its_twin_cost(damped, tmp_path, cell, name, other, co
     assert_allclose(measured["cost_after"], cost, rtol=0.01)
 
 
+def test_trials_with_a_force_gain_keep_their_masses(claims):
+    """They are changed by events, which the trials of the force gain alone do not have."""
+    curve = claims[0].curve()
+    for mass in ("half the mass", "twice the mass"):
+        changed, calm = (curve[f"{trial}K_f 9", "force_N"] for trial in (f"{mass}, ", ""))
+        assert (changed != calm).all()
+
+
 def test_verdicts_follow_from_the_curve(claims):
     study, _ = claims
     rules, curve = study.claims_tables, study.curve()
