@@ -511,7 +511,7 @@ def test_a_leak_to_the_mean_in_ten_minutes():
     skipped = worst_force(agreed_law(on_loss="skip"), LOSSY, 600.0)
     told = (
         r"with \$\\lambda\$ = (\d) per second and (\d) % lost, ([\d.]+) N with the last views, "
-        r"([\d.]+) N with those of this tick and ([\d.]+) N by consensus"
+        r"up to ([\d.]+) N with those of this tick and ([\d.]+) N by consensus"
     )
     rate, loss = agreed_law()["gains"]["leak"], 100.0 * LOSSY["loss"]
     require_numbers("messages", {told: [rate, loss, last, skipped, late]})
