@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.quantity import Arrays
 
 WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change")
 """Work done since the start: by the three forces besides gravity; last by changes of payload and gravity."""

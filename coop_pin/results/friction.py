@@ -11,7 +11,7 @@ from coop_pin.base.spatial import rotate_vector6, rotations
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import Pad
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.quantity import Arrays
 
 _WHOLE = 1.0 - 1e-9
 """Part of a load share from which it is whole; less is rounding."""

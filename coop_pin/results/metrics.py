@@ -16,7 +16,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.energies import start_energy, unexplained_energy
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.quantity import Arrays
 from coop_pin.results.window import PHASES, SETTLING_S, EventWindows, Window, phases, samples_of
 
 POSITION_BAND_M = 5e-3

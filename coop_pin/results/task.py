@@ -15,7 +15,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.results.breaches import Breach, Cause, Series, merged
 from coop_pin.results.friction import bearing_slip, pad_friction
 from coop_pin.results.metrics import error_norms, norms6
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.quantity import Arrays
 from coop_pin.results.window import recovering
 
 TaskState = Literal["kept", "off", "dropped", "lost"]

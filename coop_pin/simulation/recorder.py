@@ -19,7 +19,8 @@ from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.results.breaches import Breach
 from coop_pin.results.energies import work_names
-from coop_pin.results.quantities import Quantity, Samples, allocate, bytes_per_sample, computed, quantities
+from coop_pin.results.quantities import quantities
+from coop_pin.results.quantity import Quantity, Samples, allocate, bytes_per_sample, computed
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.snapshot import Snapshot

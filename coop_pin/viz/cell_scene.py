@@ -16,7 +16,7 @@ from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body
 from coop_pin.results.friction import pad_wrench
-from coop_pin.results.quantities import Samples
+from coop_pin.results.quantity import Samples
 from coop_pin.viz.camera import framing_camera
 from coop_pin.viz.scene import Axes, Item, Scene, thinned
 

@@ -19,7 +19,8 @@ from coop_pin.description.events import PayloadChange
 from coop_pin.results import TaskLimits, metrics
 from coop_pin.results.breaches import LimitViolation
 from coop_pin.results.dataset import LIMITS, dataset
-from coop_pin.results.quantities import allocate, quantities
+from coop_pin.results.quantities import quantities
+from coop_pin.results.quantity import allocate
 from coop_pin.results.task import LARGEST, monitored
 from coop_pin.results.window import EventWindows, Window, checked_window, samples_of
 
