@@ -53,3 +53,11 @@ def unexplained_energy(data: Arrays, start: Array) -> Array:
     """
     energy, works = energies(data)
     return energy - start - sum(works)
+
+
+def energy_balance(data: Arrays) -> Array:
+    """Return the energy minus all work done, less the same at the start, J, shape (..., n).
+
+    It is zero for an exact integration. The work of an event at the start is done at the first sample.
+    """
+    return unexplained_energy(data, start_energy(data))

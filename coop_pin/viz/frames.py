@@ -24,7 +24,7 @@ from coop_pin.results.quantities import QUANTITIES
 from coop_pin.results.quantity import Samples, computed
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Snapshot
-from coop_pin.viz.cell_scene import contact_nodes, contact_poses
+from coop_pin.viz.contact_scene import contact_nodes, contact_poses
 
 FRAMES_PER_SECOND = 30.0
 NEAR_SINGULAR = 100.0
