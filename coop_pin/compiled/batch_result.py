@@ -14,7 +14,7 @@ from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.samples import RunSamples
 from coop_pin.results.friction import drop_metrics
 from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT, all_metrics
-from coop_pin.results.quantities import Samples
+from coop_pin.results.quantity import Samples
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.task import TaskMonitor

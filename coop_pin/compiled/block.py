@@ -10,7 +10,7 @@ from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.plant_code import observed
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.control import ArmReference
-from coop_pin.results.quantities import Quantity
+from coop_pin.results.quantity import Quantity
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.tick import arm_references
 from coop_pin.tracing.kernel import Kernel, Layout

@@ -18,7 +18,7 @@ from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.samples import RunSamples, kept_of
 from coop_pin.compiled.simulate import BatchSimulator, Family, require_sample_memory
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.quantities import Samples
+from coop_pin.results.quantity import Samples
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.simulation.simulate import Progress, errors_with_results

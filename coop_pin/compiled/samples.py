@@ -16,7 +16,8 @@ from coop_pin.compiled.constants import Desired
 from coop_pin.compiled.plant.plant_code import observation_field, observed
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
-from coop_pin.results.quantities import Samples, condition_numbers, padded
+from coop_pin.results.quantities import condition_numbers, padded
+from coop_pin.results.quantity import Samples
 from coop_pin.tracing.kernel import CACHE_LINE, Layout
 
 _MARGIN, _LARGEST_BOUND = 1e-6, 1e3

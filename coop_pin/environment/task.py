@@ -15,7 +15,8 @@ from coop_pin.base.errors import ArgumentError, NameNotFoundError, OutOfRangeErr
 from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
-from coop_pin.results.quantities import QUANTITIES, computed
+from coop_pin.results.quantities import QUANTITIES
+from coop_pin.results.quantity import computed
 
 RENDER_MODES = ["ansi"]
 """Render modes of the environments: a line of text. Pictures are too slow: they are made of a whole run."""

@@ -24,12 +24,11 @@ from coop_pin.feasibility.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.feasibility.motion_feasibility import closure_problem
 from coop_pin.feasibility.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.feasibility.reachability import ArmReach, Reachability, reachability
+from coop_pin.feasibility.reserves import force_reserve, loads_without_an_arm
 from coop_pin.feasibility.statics import (
     ArmStatics,
     DriveTorque,
     StaticTorques,
-    force_reserve,
-    loads_without_an_arm,
     start_torques,
     static_torques,
     statics_along,

@@ -26,8 +26,9 @@ from coop_pin.figures.style import (
     legend_above,
     run_figure,
 )
+from coop_pin.results.energies import energy_balance
 from coop_pin.results.friction import SHOWN
-from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
+from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
 from coop_pin.results.run_result import RunResult
 
 _STILL, _SMALL_M = 1e-3, 0.01

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,32 @@ from coop_pin.results.run_result import RunResult
 
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _FIRST = _FILE.format(chunk_index=0, file_index=0)
+_FILES = (
+    "data/chunk_index",
+    "data/file_index",
+    "meta/episodes/chunk_index",
+    "meta/episodes/file_index",
+)
+"""Places of an episode, all in the first file."""
 _INDICES = ("frame_index", "episode_index", "index", "task_index")
+
+
+class _Episode(NamedTuple):
+    """A run as an episode.
+
+    Attributes:
+        task: what is done in it.
+        rate: of its samples, Hz.
+        features: shape and names of each feature.
+        values: of each feature, shape (n, k).
+        time: from 0, s, shape (n,).
+    """
+
+    task: str
+    rate: int
+    features: dict[str, Any]
+    values: dict[str, Array]
+    time: Array
 
 
 @typed
@@ -38,81 +63,106 @@ def write_episodes(results: Iterable[RunResult], folder: str | Path) -> int:
     with needs_extra("pyarrow", "lerobot", "to write LeRobot episodes"):
         import pyarrow as pa
         from pyarrow import parquet
-    root, tables, episodes, tasks = (
-        Path(folder),
-        list[dict[str, Array]](),
-        list[dict[str, Any]](),
-        dict[str, int](),
-    )
-    features: dict[str, Any] = {}
-    rate, total = 0, 0
+    episodes = _episodes(results)
+    ends = np.cumsum([episode.time.size for episode in episodes])
+    tasks = {task: index for index, task in enumerate(dict.fromkeys(episode.task for episode in episodes))}
+    columns = _columns(episodes, tasks)
+    of_tasks = pa.table({"task_index": [*tasks.values()], "task": [*tasks]})
+    pandas = {"index_columns": ["task"], "column_indexes": [], "columns": [], "pandas_version": "2.0.0"}
+    tables = {
+        f"data/{_FIRST}": pa.table({name: _column(pa, values) for name, values in columns.items()}),
+        f"meta/episodes/{_FIRST}": pa.Table.from_pylist(_places(episodes, ends)),
+        "meta/tasks.parquet": of_tasks.replace_schema_metadata({"pandas": json.dumps(pandas)}),
+    }
+    texts = {
+        "info.json": _info(episodes, int(ends[-1]), len(tasks)),
+        "stats.json": {name: _statistics(values) for name, values in columns.items()},
+    }
+    root = Path(folder)
+    for name, table in tables.items():
+        write_atomically(root / name, lambda part, table=table: parquet.write_table(table, part))  # type: ignore[misc]
+    for name, content in texts.items():
+        text = json.dumps(content, indent=1)
+        write_atomically(root / "meta" / name, lambda part, text=text: part.write_text(text, "utf-8"))  # type: ignore[misc]
+    return int(ends[-1])
+
+
+def _episodes(results: Iterable[RunResult]) -> list[_Episode]:
+    """Return runs as episodes, or refuse those that differ from the first one."""
+    episodes = list[_Episode]()
     for number, result in enumerate(results):
-        named = _features(result)
-        shapes = {
-            name: {"dtype": "float32", "shape": [len(names)], "names": names}
-            for name, (names, _) in named.items()
-        }
-        time = result.data.time.values
-        own_rate = round(1.0 / float(np.median(np.diff(time))))
-        if features and (shapes != features or own_rate != rate):
+        named, time = _features(result), result.data.time.values
+        episode = _Episode(
+            task=result.scenario.summary or result.scenario.name,
+            rate=round(1.0 / float(np.median(np.diff(time)))),
+            features={
+                name: {"dtype": "float32", "shape": [len(names)], "names": names}
+                for name, (names, _) in named.items()
+            },
+            values={name: values.astype(np.float32) for name, (_, values) in named.items()},
+            time=(time - time[0]).astype(np.float32),
+        )
+        first = episodes[0] if episodes else episode
+        if (episode.features, episode.rate) != (first.features, first.rate):
             raise ArgumentError(
-                f"run {number} differs from the first one in its features or its rate, {own_rate} Hz"
+                f"run {number} differs from the first one in its features or its rate, {episode.rate} Hz"
             )
-        features, rate, n = shapes, own_rate, len(time)
-        task = result.scenario.summary or result.scenario.name
-        index = {
-            "timestamp": (time - time[0]).astype(np.float32),
-            "frame_index": np.arange(n),
-            "episode_index": np.full(n, number),
-            "index": total + np.arange(n),
-            "task_index": np.full(n, tasks.setdefault(task, len(tasks))),
-        }
-        tables.append({name: values.astype(np.float32) for name, (_, values) in named.items()} | index)
-        places = {
-            "data/chunk_index": 0,
-            "data/file_index": 0,
-            "meta/episodes/chunk_index": 0,
-            "meta/episodes/file_index": 0,
-        }
-        span = {"dataset_from_index": total, "dataset_to_index": total + n}
-        episodes.append({"episode_index": number, "tasks": [task], "length": n, **span, **places})
-        total += n
-    if not tables:
+        episodes.append(episode)
+    if not episodes:
         raise ArgumentError("there is no run; an episode is one")
-    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-    frames = pa.table({name: _column(pa, values) for name, values in columns.items()})
+    return episodes
+
+
+def _columns(episodes: Sequence[_Episode], tasks: Mapping[str, int]) -> dict[str, Array]:
+    """Return the frames of all episodes: features, times and indices."""
+    lengths = [episode.time.size for episode in episodes]
+    features = {
+        name: np.concatenate([episode.values[name] for episode in episodes]) for name in episodes[0].values
+    }
+    return features | {
+        "timestamp": np.concatenate([episode.time for episode in episodes]),
+        "frame_index": np.concatenate([np.arange(length) for length in lengths]),
+        "episode_index": np.repeat(np.arange(len(episodes)), lengths),
+        "index": np.arange(sum(lengths)),
+        "task_index": np.repeat([tasks[episode.task] for episode in episodes], lengths),
+    }
+
+
+def _places(episodes: Sequence[_Episode], ends: Array) -> list[dict[str, Any]]:
+    """Return where the frames of each episode stand."""
+    return [
+        {
+            "episode_index": number,
+            "tasks": [episode.task],
+            "length": episode.time.size,
+            "dataset_from_index": int(end) - episode.time.size,
+            "dataset_to_index": int(end),
+            **dict.fromkeys(_FILES, 0),
+        }
+        for number, (episode, end) in enumerate(zip(episodes, ends, strict=True))
+    ]
+
+
+def _info(episodes: Sequence[_Episode], frames: int, tasks: int) -> dict[str, Any]:
+    """Return what a reader of the data set needs to know."""
     scalars = {name: {"dtype": "int64", "shape": [1], "names": None} for name in _INDICES}
-    info = {
+    return {
         "codebase_version": "v3.0",
         "robot_type": "coop_pin",
         "total_episodes": len(episodes),
-        "total_frames": total,
-        "total_tasks": len(tasks),
+        "total_frames": frames,
+        "total_tasks": tasks,
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
-        "fps": rate,
+        "fps": episodes[0].rate,
         "splits": {"train": f"0:{len(episodes)}"},
         "data_path": f"data/{_FILE}",
         "video_path": None,
-        "features": features | {"timestamp": {"dtype": "float32", "shape": [1], "names": None}} | scalars,
+        "features": episodes[0].features
+        | {"timestamp": {"dtype": "float32", "shape": [1], "names": None}}
+        | scalars,
     }
-    of_tasks = pa.table({"task_index": [*tasks.values()], "task": [*tasks]})
-    pandas = {"index_columns": ["task"], "column_indexes": [], "columns": [], "pandas_version": "2.0.0"}
-    of_tasks = of_tasks.replace_schema_metadata({"pandas": json.dumps(pandas)})
-    for name, table in {
-        f"data/{_FIRST}": frames,
-        f"meta/episodes/{_FIRST}": pa.Table.from_pylist(episodes),
-        "meta/tasks.parquet": of_tasks,
-    }.items():
-        write_atomically(root / name, lambda part, table=table: parquet.write_table(table, part))  # type: ignore[misc]
-    for name, content in {
-        "info.json": info,
-        "stats.json": {k: _statistics(v) for k, v in columns.items()},
-    }.items():
-        text = json.dumps(content, indent=1)
-        write_atomically(root / "meta" / name, lambda part, text=text: part.write_text(text, "utf-8"))  # type: ignore[misc]
-    return total
 
 
 def _features(result: RunResult) -> dict[str, tuple[list[str], Array]]:

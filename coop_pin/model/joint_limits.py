@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -147,3 +148,13 @@ def _turns(angle: float, lower: float, upper: float) -> int:
     if up <= down:
         return min(max(0, up), down)
     return up if (angle + up * _WHOLE_TURN) - upper < lower - (angle + down * _WHOLE_TURN) else down
+
+
+def limit_table(limits: Sequence[JointLimits], joints: int) -> Array:
+    """Return lower, upper, velocity and torque limits of arms, shape (4, m, k); NaN where there is none."""
+    table = np.full((4, len(limits), joints), np.nan)
+    for index, of_arm in enumerate(limits):
+        columns = (of_arm.lower, of_arm.upper, of_arm.velocity, of_arm.torque)
+        for row, values in zip(table, columns, strict=True):
+            row[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
+    return table

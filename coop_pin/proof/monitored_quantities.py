@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import xarray as xr
 
 from coop_pin.base.arrays import Array
-from coop_pin.results.quantities import Quantity
+from coop_pin.results.quantity import Quantity
 from coop_pin.results.run_result import RunResult
 
 MONITORED = {

@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.description.thresholds import TaskLimits
 from coop_pin.results.metrics import DRIFT_S
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.quantity import Arrays
 
 Cause = Literal[
     "end stop",

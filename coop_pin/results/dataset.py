@@ -25,7 +25,8 @@ from coop_pin.base.spatial.internal_wrench import (
 )
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.quantities import Samples, computed, quantities
+from coop_pin.results.quantities import quantities
+from coop_pin.results.quantity import Samples, computed
 
 AXES = ["x", "y", "z", "rx", "ry", "rz"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.quantity import Arrays
 
 WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change")
 """Work done since the start: by the three forces besides gravity; last by changes of payload and gravity."""
@@ -53,3 +53,11 @@ def unexplained_energy(data: Arrays, start: Array) -> Array:
     """
     energy, works = energies(data)
     return energy - start - sum(works)
+
+
+def energy_balance(data: Arrays) -> Array:
+    """Return the energy minus all work done, less the same at the start, J, shape (..., n).
+
+    It is zero for an exact integration. The work of an event at the start is done at the first sample.
+    """
+    return unexplained_energy(data, start_energy(data))

@@ -11,7 +11,8 @@ from coop_pin.base.spatial import rotate_vector6, rotations
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import Pad
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.breaches import Series
+from coop_pin.results.quantity import Arrays
 
 _WHOLE = 1.0 - 1e-9
 """Part of a load share from which it is whole; less is rounding."""
@@ -189,3 +190,17 @@ def friction_text(data: Arrays, scenario: Scenario) -> str:
     ]
     would = f"by friction alone the payload would slip from {' and '.join(beyond)}" if beyond else ""
     return "; ".join(part for part in (outcome, would) if part)
+
+
+def wheel_friction(forces: Array, cell: Cell) -> Series:
+    """Return the forces along the ground on the bases that roll, of all arms: 0 of those without.
+
+    Args:
+        forces: wheel_force, shape (..., n, b, 3).
+        cell: cell.
+    """
+    needed, borne = np.zeros((2, *forces.shape[:-2], len(cell.arms)))
+    columns = [list(cell.arms).index(name) for name in cell.wheels]
+    needed[..., columns] = np.linalg.norm(forces[..., :2], axis=-1)
+    borne[..., columns] = [base.friction for base in cell.wheels.values()] * forces[..., 2]
+    return Series.at_most("wheel slip", needed, borne, needed - borne)

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
+from coop_pin.base.spatial import norms6
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.energies import start_energy, unexplained_energy
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.energies import energy_balance
+from coop_pin.results.quantity import Arrays
 from coop_pin.results.window import PHASES, SETTLING_S, EventWindows, Window, phases, samples_of
 
 POSITION_BAND_M = 5e-3
@@ -146,12 +147,6 @@ def error_norms(data: Arrays) -> tuple[Array, Array]:
     return norms6(np.asarray(data["pose_error"]))
 
 
-def norms6(vectors: Array) -> tuple[Array, Array]:
-    """Return the norms of the linear and of the angular parts of six-vectors, shape (..., 6)."""
-    x, y, z, rx, ry, rz = np.moveaxis(vectors, -1, 0)
-    return np.sqrt(x * x + y * y + z * z), np.sqrt(rx * rx + ry * ry + rz * rz)
-
-
 def settling_time(data: Arrays, window: Window, *, turns: bool) -> Array:
     """Return the time from a window's start after which the errors stay in the band; inf if they do not.
 
@@ -258,14 +253,6 @@ def tool_metrics(data: Arrays) -> dict[str, Array]:
 
 
 # ------------------------------------------------------------ energy
-
-
-def energy_balance(data: Arrays) -> Array:
-    """Return the energy minus all work done, less the same at the start, J, shape (..., n).
-
-    It is zero for an exact integration. The work of an event at the start is done at the first sample.
-    """
-    return unexplained_energy(data, start_energy(data))
 
 
 def closure_error_max(data: Arrays) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from coop_pin.results.metrics import (
     metric_lines,
     phase_metrics,
 )
-from coop_pin.results.quantities import Arrays, Samples
+from coop_pin.results.quantity import Arrays, Samples
 from coop_pin.results.running_metrics import EveryTick, RunningMetrics
 from coop_pin.results.task import TaskMonitor, TaskVerdict, monitored, task_verdict
 from coop_pin.results.window import Window, checked_window, metric_windows, phases, samples_of

@@ -31,7 +31,7 @@ from coop_pin.results.breaches import (
 from coop_pin.results.energies import start_energy, unexplained_energy
 from coop_pin.results.friction import drop_metrics, friction_metrics
 from coop_pin.results.metrics import PHASE_METRICS, TOOL_METRICS, all_metrics, joint_drift
-from coop_pin.results.quantities import Arrays, Samples
+from coop_pin.results.quantity import Arrays, Samples
 from coop_pin.results.task import TaskMonitor
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import RUN_END, SETTLING_S, EventWindows, Window, phases, samples_of

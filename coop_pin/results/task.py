@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array, Mask
-from coop_pin.description.cell.cell import Cell
+from coop_pin.base.spatial import norms6
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.breaches import Breach, Cause, Series, merged
-from coop_pin.results.friction import bearing_slip, pad_friction
-from coop_pin.results.metrics import error_norms, norms6
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.friction import bearing_slip, pad_friction, wheel_friction
+from coop_pin.results.metrics import error_norms
+from coop_pin.results.quantity import Arrays
 from coop_pin.results.window import recovering
 
 TaskState = Literal["kept", "off", "dropped", "lost"]
@@ -164,7 +164,7 @@ class TaskMonitor:
             self._slip, self._slid = np.asarray(samples["patch_slip"])[-1], slid[-1]
             series.append(Series.at_most("slip", slid, scenario.task.slip))
         if "wheel_force" in samples and any(scenario.cell.gravity):
-            series.append(_on_wheels(samples["wheel_force"], scenario.cell))
+            series.append(wheel_friction(samples["wheel_force"], scenario.cell))
         if scenario.cell.pads:
             series.append(Series.at_most("friction", pad_friction(samples, scenario.cell), 1.0))
         return series
@@ -264,20 +264,6 @@ def _first(mask: Mask, already: Mask) -> NDArray[np.int64]:
     """Return the index of the first sample of a mask: 0 where it came already, n where it does not come."""
     index = np.where(mask.any(axis=-1), mask.argmax(axis=-1), mask.shape[-1])
     return np.where(already, 0, index)
-
-
-def _on_wheels(forces: Array, cell: Cell) -> Series:
-    """Return the forces along the ground on the bases that roll, of all arms: 0 of those without.
-
-    Args:
-        forces: wheel_force, shape (..., n, b, 3).
-        cell: cell.
-    """
-    needed, borne = np.zeros((2, *forces.shape[:-2], len(cell.arms)))
-    columns = [list(cell.arms).index(name) for name in cell.wheels]
-    needed[..., columns] = np.linalg.norm(forces[..., :2], axis=-1)
-    borne[..., columns] = [base.friction for base in cell.wheels.values()] * forces[..., 2]
-    return Series.at_most("wheel slip", needed, borne, needed - borne)
 
 
 def _errors(samples: Mapping[str, NDArray[Any]], scenario: Scenario) -> _Errors:

@@ -11,7 +11,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import ArgumentError, OutOfRangeError
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.quantities import Arrays
+from coop_pin.results.quantity import Arrays
 
 _OF_EVENTS = ("resettling_time_s", "event_peak_position_error_m")
 """Metrics from the first event on."""

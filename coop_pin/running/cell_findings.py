@@ -22,7 +22,8 @@ from coop_pin.feasibility.internal_moment import internal_moment
 from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.motion_feasibility import closure_problem
 from coop_pin.feasibility.reachability import Reachability
-from coop_pin.feasibility.statics import StaticTorques, force_reserve, loads_without_an_arm, statics_along
+from coop_pin.feasibility.reserves import force_reserve, loads_without_an_arm
+from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import table_force
 from coop_pin.results.finding import Finding, Kind
 from coop_pin.running.payload_findings import payload_findings

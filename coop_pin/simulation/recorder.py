@@ -16,10 +16,11 @@ from coop_pin.base.errors import CoopPinError, InvalidStateError, NotEnoughMemor
 from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.joint_limits import JointLimits, limit_table
 from coop_pin.results.breaches import Breach
 from coop_pin.results.energies import work_names
-from coop_pin.results.quantities import Quantity, Samples, allocate, bytes_per_sample, computed, quantities
+from coop_pin.results.quantities import quantities
+from coop_pin.results.quantity import Quantity, Samples, allocate, bytes_per_sample, computed
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.snapshot import Snapshot
@@ -86,11 +87,11 @@ class Recorder:
     ) -> None:
         """Begin without samples; limits of each arm, and determined as the attribute, shape (6,)."""
         self.scenario, self._cell, self._plant, self._arms = scenario, scenario.cell, plant, slots
-        self._limits, self.determined = limits, determined
+        self.determined = determined
         self.count, self._thinned, self._held_from, self._observed = 0, 0, 0, 0
-        self.table = quantities(scenario)
-        self._every = scenario.clock.record_every
+        self.table, self._every = quantities(scenario), scenario.clock.record_every
         joints, rows = max(len(arm.drive) for arm in slots), scenario.cell.task_rows.size
+        self._limits = limit_table(limits, joints)
         self._length = timeline.ticks // self._every + 1 + (_BLOCK if self._every > 1 else 0)
         nq, nv, patches = len(plant.q), len(plant.v), len(scenario.cell.patches) + len(scenario.cell.tables)
         self._sizes = {"q": nq, "v": nv, "arm": len(slots), "joint": joints, "patch": patches}
@@ -109,7 +110,7 @@ class Recorder:
         self._is_shared = False
         self._running = RunningMetrics(scenario, self.labels()) if self._every > 1 else None
         self._angles = [arm.posture for arm in slots]
-        self._monitor = TrustMonitor(scenario.trust, self.joints, *self.limit_table()[:2])
+        self._monitor = TrustMonitor(scenario.trust, self.joints, *self._limits[:2])
 
     def _allocate(self) -> None:
         """Replace the samples by empty ones, which nothing that was handed out shares."""
@@ -278,7 +279,7 @@ class Recorder:
             with contextlib.suppress(CoopPinError):  # which drops the last sample
                 self.observe()
         names = [joints for _, joints in self.joints]
-        data = dataset(scenario, self._kept(self._rows(is_last=True)), names, self.limit_table())
+        data = dataset(scenario, self._kept(self._rows(is_last=True)), names, self._limits)
         if self._running is not None:
             held = computed(self.table, self._kept(slice(self._thinned, self.count)), self._cell.shares)
             data.attrs[RunResult.EVERY_TICK] = self._running.finished(held, scenario).to_text()
@@ -316,13 +317,4 @@ class Recorder:
         """Return names and limits of arms and joints by name."""
         from coop_pin.results.dataset import without_time  # slow to load
 
-        return without_time(self.scenario, [joints for _, joints in self.joints], self.limit_table())
-
-    def limit_table(self) -> Array:
-        """Return the four limits of each arm's joints, shape (4, m, k); NaN where there is none."""
-        table = np.full((4, self._sizes["arm"], self._sizes["joint"]), np.nan)
-        for index, limits in enumerate(self._limits):
-            columns = (limits.lower, limits.upper, limits.velocity, limits.torque)
-            for row, values in zip(table, columns, strict=True):
-                row[index, : len(values)] = np.where(np.isfinite(values), values, np.nan)
-        return table
+        return without_time(self.scenario, [joints for _, joints in self.joints], self._limits)

@@ -204,19 +204,11 @@ class MotionLoop:
 
     def _tick_matrix(self, pose: int) -> Array:
         """Return the matrix from states and inputs to the next states, at the pose of a time."""
-        from scipy.linalg import expm  # slow to load
-
         n, k, T, Q = self.n, self.k, self.scenario.clock.period, self.Q[pose]
         Lambda, B = np.array([self._arm(arm, pose) for arm in range(len(self.arms))]).swapaxes(0, 1)
         K, split = Q @ self.K @ Q.T, Q @ self.split @ Q.T
-        D = np.array(
-            [
-                _damper(*of)
-                for of in zip(
-                    K, self.zeta, np.linalg.inv(Lambda) + np.linalg.inv(self.M_0[pose]), strict=True
-                )
-            ]
-        )
+        W = np.linalg.inv(Lambda) + np.linalg.inv(self.M_0[pose])
+        D = np.array([_damper(*of) for of in zip(K, self.zeta, W, strict=True)])
         mass = np.einsum("ia,ijk,ib->ajbk", self.held, Lambda, self.held)
         mass[0, :, 0] += self.M_0[pose]
         mobility = np.linalg.inv(mass.reshape(n * k, -1))
@@ -233,10 +225,7 @@ class MotionLoop:
         bent[0] -= np.einsum("mij,mb->ibj", shifts, self.give)
         springs = mobility @ (springs - bent.reshape(n * k, -1))
         dampers = mobility @ (dampers + friction)
-        flow = np.zeros((3 * n * k, 3 * n * k))
-        flow[: n * k, n * k : 2 * n * k] = np.eye(n * k)
-        flow[n * k : 2 * n * k] = np.hstack((-springs, -dampers, mobility))
-        plant = expm(T * flow)[: 2 * n * k]
+        plant = _held_motion(T, springs, dampers, mobility)
         gains = [law.gains.sliding_gain for law in self.laws]
         turned = [Q @ K @ Q.T if law.axes.turns else K for law, K in zip(self.laws, gains, strict=True)]
         G = self.scenario.cell.shares[:, None, None] * np.array(turned)
@@ -298,6 +287,17 @@ class MotionLoop:
         """Return the norms of positions and of rotations, or of forces and moments, shape (..., 2)."""
         linear = self.rows.are_linear
         return np.stack([np.linalg.norm(values[..., rows], axis=-1) for rows in (linear, ~linear)], axis=-1)
+
+
+def _held_motion(T: float, springs: Array, dampers: Array, mobility: Array) -> Array:
+    """Return the matrix from x, v and a held force to x and v a time T later, of v' = -Sx - Dv + Wf."""
+    from scipy.linalg import expm  # slow to load
+
+    n = len(mobility)
+    flow = np.zeros((3 * n, 3 * n))
+    flow[:n, n : 2 * n] = np.eye(n)
+    flow[n : 2 * n] = np.hstack((-springs, -dampers, mobility))
+    return np.asarray(expm(T * flow)[: 2 * n])
 
 
 def _damper(K: Array, zeta: float, mobility: Array) -> Array:

@@ -12,7 +12,7 @@ from coop_pin.base.spatial import rotations
 from coop_pin.description.cell.cell import Cell
 from coop_pin.model.shapes import bounds
 from coop_pin.model.visuals import Body
-from coop_pin.results.quantities import Samples
+from coop_pin.results.quantity import Samples
 from coop_pin.viz.scene import LONGEST_M, ArrowScales, Camera, drawn_lengths
 
 _FIELD_OF_VIEW_DEG, _ASPECT = 32.0, 1.4

@@ -12,7 +12,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.description.cell.cell import Cell
 from coop_pin.figures import palette
 from coop_pin.results.friction import SHOWN, friction_use
-from coop_pin.results.quantities import Samples
+from coop_pin.results.quantity import Samples
 
 _MOST_SAMPLES = 2400
 """Approximate largest number of samples of a plot."""

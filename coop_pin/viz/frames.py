@@ -20,10 +20,11 @@ from coop_pin.description.cell.cell import Cell
 from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.results.quantities import QUANTITIES, Samples, computed
+from coop_pin.results.quantities import QUANTITIES
+from coop_pin.results.quantity import Samples, computed
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Snapshot
-from coop_pin.viz.cell_scene import contact_nodes, contact_poses
+from coop_pin.viz.contact_scene import contact_nodes, contact_poses
 
 FRAMES_PER_SECOND = 30.0
 NEAR_SINGULAR = 100.0

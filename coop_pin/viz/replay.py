@@ -16,7 +16,7 @@ from coop_pin.base.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results.breaches import in_time
-from coop_pin.results.quantities import Samples
+from coop_pin.results.quantity import Samples
 from coop_pin.results.run_result import RunResult
 from coop_pin.viz.camera import arrow_ends, link_points, travels
 from coop_pin.viz.cell_scene import cell_scene

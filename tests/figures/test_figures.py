@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from coop_pin import run
 from coop_pin.description.grasp_events import HandOver
 from coop_pin.figures import error_figure, internal_force_figure, save_figure, torque_figure, tracking_figure
-from coop_pin.results.metrics import energy_balance
+from coop_pin.results.energies import energy_balance
 from coop_pin.results.run_result import RunResult
 
 FIGURES = [tracking_figure, torque_figure, error_figure]

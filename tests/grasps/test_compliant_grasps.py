@@ -16,7 +16,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.proof import theorem_monitor
-from coop_pin.results.metrics import energy_balance
+from coop_pin.results.energies import energy_balance
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.simulation import Simulation

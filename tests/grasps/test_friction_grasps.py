@@ -14,7 +14,7 @@ from coop_pin.base.spatial.internal_wrench import linkage_loads, virtual_linkage
 from coop_pin.compiled import support
 from coop_pin.design import Suggestion
 from coop_pin.feasibility import least_squeeze
-from coop_pin.results.metrics import energy_balance
+from coop_pin.results.energies import energy_balance
 from coop_pin.running.check import quick_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.sensing import SlipSensors

@@ -22,7 +22,7 @@ from coop_pin.compiled import support
 from coop_pin.description.cell.grasp_plan import grasp_plan
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.reference.pose_reference import PoseTarget, retreated
-from coop_pin.results.metrics import energy_balance
+from coop_pin.results.energies import energy_balance
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation

@@ -13,7 +13,7 @@ from coop_pin.base.errors import CoopPinError, DivergedError, FieldError
 from coop_pin.base.spatial import exp3, make_pose
 from coop_pin.compiled import support
 from coop_pin.grasps.spring_damper import partner_matrices, partner_state
-from coop_pin.results.metrics import energy_balance
+from coop_pin.results.energies import energy_balance
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import step_stability

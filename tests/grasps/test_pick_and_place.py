@@ -18,7 +18,7 @@ from coop_pin.base.spatial.internal_wrench import linkage_loads
 from coop_pin.description.cell.grasp_plan import grasp_plan
 from coop_pin.feasibility import least_squeeze, table_force
 from coop_pin.reference.pose_reference import check_consistency
-from coop_pin.results.metrics import energy_balance
+from coop_pin.results.energies import energy_balance
 from coop_pin.running.check import quick_findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller

@@ -14,7 +14,7 @@ from coop_pin.base.errors import FieldError, NameNotFoundError
 from coop_pin.base.schema.user_code import code_of
 from coop_pin.base.spatial import spatial_inertia
 from coop_pin.compiled import support
-from coop_pin.results.metrics import energy_balance
+from coop_pin.results.energies import energy_balance
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 

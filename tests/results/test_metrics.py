@@ -19,7 +19,9 @@ from coop_pin.description.events import PayloadChange
 from coop_pin.results import TaskLimits, metrics
 from coop_pin.results.breaches import LimitViolation
 from coop_pin.results.dataset import LIMITS, dataset
-from coop_pin.results.quantities import allocate, quantities
+from coop_pin.results.energies import energy_balance
+from coop_pin.results.quantities import quantities
+from coop_pin.results.quantity import allocate
 from coop_pin.results.task import LARGEST, monitored
 from coop_pin.results.window import EventWindows, Window, checked_window, samples_of
 
@@ -532,7 +534,7 @@ def test_closure_error_torque_peak_and_energy_balance_are_over_the_whole_run():
     )
     assert result.closure_error_max() == (3e-3, 7e-3)
     assert result.metrics()["torque_peak_Nm"] == 9.0
-    assert_close(metrics.energy_balance(result.data), [0.0, -2.0, 1.0], atol=EXACT)
+    assert_close(energy_balance(result.data), [0.0, -2.0, 1.0], atol=EXACT)
     assert_close(result.energy_balance_max(), 2.0, atol=EXACT)
 
 
@@ -559,7 +561,7 @@ def test_the_work_of_an_event_at_the_start_is_no_energy_error(cell, engine, ever
         for time in (0.0, scenario.clock.period):
             changes = {"events": [event | {"time": time}], "duration": 0.2, "clock.record_every": every}
             result = cp.run(scenario.override(changes), engine=engine, warn=False)
-            balance = np.abs(metrics.energy_balance(result.arrays)).max()
+            balance = np.abs(energy_balance(result.arrays)).max()
             assert max(balance, result.energy_balance_max()) < 1e-6
             assert "energy" not in {breach.cause for breach in result.breaches()}
     assert np.abs(result.data.work_payload_change.values[-1]) > 1e-3

@@ -17,7 +17,8 @@ from coop_pin.base import errors
 from coop_pin.base.errors import ArgumentError, FileReadError, FileWriteError
 from coop_pin.base.spatial import make_pose
 from coop_pin.results import netcdf
-from coop_pin.results.quantities import Quantity, allocate, bytes_per_sample, computed, quantities
+from coop_pin.results.quantities import quantities
+from coop_pin.results.quantity import Quantity, allocate, bytes_per_sample, computed
 
 STATIC = {
     "position_lower",

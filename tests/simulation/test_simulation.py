@@ -18,7 +18,7 @@ from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.plant import Clock
 from coop_pin.grasps import CellChain
 from coop_pin.model.transmission import Transmission
-from coop_pin.results.metrics import energy_balance
+from coop_pin.results.energies import energy_balance
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.simulation import Simulation

@@ -42,16 +42,8 @@ from coop_pin.model.shapes import Mesh, half_extents
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results.run_result import RunResult
 from coop_pin.viz import notebook_view, replay_html, save_replay
-from coop_pin.viz.cell_scene import (
-    ABSENT,
-    HOLDS,
-    LINK_FACES,
-    SLIDES,
-    cell_scene,
-    contact_items,
-    contact_nodes,
-    contact_poses,
-)
+from coop_pin.viz.cell_scene import LINK_FACES, cell_scene
+from coop_pin.viz.contact_scene import ABSENT, HOLDS, SLIDES, contact_items, contact_nodes, contact_poses
 from coop_pin.viz.curves import thinned_rows
 from coop_pin.viz.frames import frame_samples
 from coop_pin.viz.highlights import instants, read_number, telling_instant, verdict_lines

@@ -246,3 +246,9 @@ def rotate_vector6(R_AB: Array, vector_B: Array) -> Array:
     halves = vector_B.reshape(*vector_B.shape[:-1], 2, 3)
     turned = halves.dot(R_AB.T) if R_AB.ndim == 2 else halves @ np.swapaxes(R_AB, -1, -2)
     return turned.reshape(vector_B.shape)
+
+
+def norms6(vectors: Array) -> tuple[Array, Array]:
+    """Return the norms of the linear and of the angular parts of six-vectors, shape (..., 6)."""
+    x, y, z, rx, ry, rz = np.moveaxis(vectors, -1, 0)
+    return np.sqrt(x * x + y * y + z * z), np.sqrt(rx * rx + ry * ry + rz * rz)

@@ -33,6 +33,7 @@ from coop_pin.compiled.laws.law_code import (
     RecordedLaw,
     Values,
     fields,
+    flops,
     require_agreement,
     tolerance,
     trace_law,
@@ -46,10 +47,6 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.c_emitter import CEmitter, c_number
-from coop_pin.tracing.tape import Operand, Tape
-
-_FLOPS = ("add", "sub", "mul", "div", "sqrt")
-"""Operations that count as floating-point operations; comparisons, choices and signs do not."""
 
 
 class CLaw(NamedTuple):
@@ -145,7 +142,7 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     texts = _texts(name, scenario, law.command_kind, arm_ticks, code, messages | {"arm": arm})
     for file, text in zip((header, source, test), texts, strict=True):
         write_atomically(file, partial(Path.write_text, data=text, encoding="utf-8"))
-    return CLaw(header, source, test, _flops(code[1]))
+    return CLaw(header, source, test, flops(code[1]))
 
 
 def _identifier(arm: str, arms: Sequence[str]) -> str:
@@ -250,7 +247,7 @@ def _texts(
         "rows": scenario.cell.task_rows.size,
         "kind": scenario.cell.rows,
         "period": scenario.clock.period,
-        "flops": sum(_flops(step).values()),
+        "flops": sum(flops(step).values()),
         "measurement": _struct(measured, MEASURED | meanings(ticks[0].measurement)),
         "reference": _struct(desired, DESIRED),
         "states": max(len(step.state), 1),
@@ -308,17 +305,3 @@ def _initialiser(values: Values) -> str:
 
 def _list(values: Any) -> str:
     return f"{{{', '.join(c_number(float(value)) for value in np.ravel(values))}}}"
-
-
-def _flops(code: LawCode) -> dict[str, int]:
-    """Return the number of floating-point operations of traced code, by kind."""
-    return {name: sum(name == other for other in _names(code.tape, code.outputs)) for name in _FLOPS}
-
-
-def _names(tape: Tape, outputs: Sequence[Operand]) -> Iterator[str]:
-    """Return the operations that outputs need, those of functions as often as they are called."""
-    for index in tape.live(outputs):
-        name, _, called = tape.operations[index]
-        yield name
-        if called is not None:
-            yield from _names(called.tape, called.outputs)

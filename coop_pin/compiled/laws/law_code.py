@@ -32,6 +32,8 @@ Trace: TypeAlias = Callable[..., "tuple[LawCode, Any]"]
 """The function ``traced_call`` with all but its last two arguments."""
 
 
+_FLOPS = ("add", "sub", "mul", "div", "sqrt")
+"""Operations that count as floating-point operations; comparisons, choices and signs do not."""
 _NOTHING = np.zeros(0)
 
 
@@ -298,3 +300,17 @@ def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Sequence[La
                 f"differs from its traced code by {error:.3g} N m at t = {tick[0].measurement.time:g} s:"
                 " it keeps state besides that of init and step, or depends on more than its arguments"
             )
+
+
+def flops(code: LawCode) -> dict[str, int]:
+    """Return the number of floating-point operations of traced code, by kind."""
+    return {name: sum(name == other for other in _names(code.tape, code.outputs)) for name in _FLOPS}
+
+
+def _names(tape: Tape, outputs: Sequence[Operand]) -> Iterator[str]:
+    """Return the operations that outputs need, those of functions as often as they are called."""
+    for index in tape.live(outputs):
+        name, _, called = tape.operations[index]
+        yield name
+        if called is not None:
+            yield from _names(called.tape, called.outputs)

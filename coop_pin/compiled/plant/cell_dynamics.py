@@ -107,13 +107,7 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     stopped = [each and each.state(*arm) for each, *arm in zip(cell.stops, q, v, strict=True)]
     tau = [force if stop is None else force + stop.force for force, stop in zip(tau, stopped, strict=True)]
     rows = cell.moving_rows(q)
-    inputs, kept = cell.arm_inputs(payload, q, v, tau), "".join(map(str, rows))
-    terms = [
-        shared_terms(
-            functions, ArmNumbers(arm, gravity, kept if grasp is None else ""), one, in_place=len(rows) < 6
-        )
-        for arm, grasp, one in zip(cell.arms, cell.grasps, inputs, strict=True)
-    ]
+    terms = _responses(functions, cell, cell.arm_inputs(payload, q, v, tau), rows)
     R, p, V = body = _payload_frame(cell, terms, state)
     V_WP = join(V[:3] + cross(V[3:], p), V[3:])
     # F_P is the whole wrench on the payload besides gravity, about P in world axes. One that depends on R, p
@@ -167,6 +161,19 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         ),
     )
     return motion if cell.carrier is not None else _with_payload(motion, acting)
+
+
+def _responses(
+    functions: SharedFunctions, cell: CellNumbers, inputs: Sequence[Any], rows: Sequence[int]
+) -> list[ArmResponse]:
+    """Return G_i and b_i of every arm: in the rows of the task where its grasp is rigid, else in all."""
+    kept, gravity = "".join(map(str, rows)), cell.surroundings.gravity
+    return [
+        shared_terms(
+            functions, ArmNumbers(arm, gravity, kept if grasp is None else ""), one, in_place=len(rows) < 6
+        )
+        for arm, grasp, one in zip(cell.arms, cell.grasps, inputs, strict=True)
+    ]
 
 
 def _payload_frame(cell: CellNumbers, terms: Sequence[ArmResponse], state: CellState) -> MovingFrame:
