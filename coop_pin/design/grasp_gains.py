@@ -126,7 +126,7 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     fields = PayloadSpace.model_fields
     gains = PayloadSpaceGains(
         pose_gain=gamma,
-        sliding_gain=tuple((k * unit).tolist()),
+        sliding_gain=tuple((k * unit).round(9).tolist()),
         sign_gain=fields["switching"].default.width * k_I,
         anchor_gain=anchor_of(scenario, T)[1],
         transient_rate=squeeze_rate(scenario, gamma, scenario.clock.rate_hz),
