@@ -18,7 +18,7 @@ from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.differential_base import DifferentialBase
-from coop_pin.description.cell.grasp import Grasp, LinkGrasp
+from coop_pin.description.cell.grasp import LinkGrasp
 from coop_pin.description.cell.held_payload import HeldPayload
 from coop_pin.description.cell.shared_joint import (
     SharedJoint,
@@ -109,10 +109,13 @@ class Cell(HeldPayload):
     @property
     def rigid(self) -> Self:
         """The same cell with rigid grasps on the same links, without tables."""
-        links, grasps = self.held_links, dict[str, Grasp]()
-        for name, g in self.grasps.items():
-            pose = {"xyz": g.xyz, "rpy": g.rpy}
-            grasps[name] = LinkGrasp(**pose, link=links[name]) if name in links else Pose(**pose)
+        links = self.held_links
+        grasps = {
+            name: LinkGrasp(xyz=g.xyz, rpy=g.rpy, link=links[name])
+            if name in links
+            else Pose(xyz=g.xyz, rpy=g.rpy)
+            for name, g in self.grasps.items()
+        }
         return self.replace(grasps=grasps, tables={})
 
     def require_rigid(self, purpose: str) -> None:
