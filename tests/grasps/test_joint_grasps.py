@@ -479,6 +479,26 @@ def test_the_redundant_printed_law_runs_in_the_rows_of_hinges():
     assert np.nanmax(np.abs(error)) < 0.05
 
 
+@pytest.mark.gate
+def test_the_redundant_printed_law_runs_on_hinges_in_space():
+    """Without gravity, whose load the law alone does not hold; squeezed by 10 N."""
+    gains = {"pose_gain": 4.0, "sign_gain": 0.0, "transient_rate": 5.0}
+    law = {
+        "kind": "sliding-mode-redundant",
+        "gains": gains | {"damping_gain": (20.0, 20.0, 15.0, 15.0, 4.0, 4.0, 2.0)},
+        "force_path": {"kind": "late"},
+        "posture": {"stiffness": 20.0, "damping": 2.0},
+    }
+    changes = {"controller": law, "cell.gravity": (0.0, 0.0, 0.0), "duration": 1.6, "motion.duration": 0.8}
+    changes |= {"motion.start_time": 0.1, "motion.goal.xyz": (0.01, 0.012, 0.416)}
+    data = cp.run(cp.Scenario.load("two-pandas-hinges").override(changes), warn=False).data
+    assert np.abs(data["pose_error"].values).max() < 2e-2
+    assert np.abs(data["pose_error"].values[-1]).max() < 5e-4
+    error = (data["internal_wrench"] - data["desired_internal_wrench"]).values
+    assert np.abs(error[len(error) // 20 :]).max() < 1.0
+    assert np.abs(error[-1]).max() < 0.1
+
+
 def test_a_hinge_hands_its_load_over_and_what_it_alone_would_hold_is_refused():
     leave = {"kind": "hand-over", "time": 0.1, "arm": "right", "duration": 0.2}
     free = {"plant.payload": "free", "duration": 0.4}
