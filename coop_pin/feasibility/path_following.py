@@ -215,9 +215,9 @@ class PathFollowing:
         self._reached = np.array([solution.is_closed for solution in self._solutions])
         rows = model.rows
         self._jacobians = np.stack([model.task_jacobian(q) for q in self.q])
-        sigma = np.linalg.svd(self._jacobians, compute_uv=False)
-        if model.nv < rows.size and model.grasp_rows is None:
-            sigma = np.hstack((sigma, np.zeros((len(sigma), 1))))
+        shape = self._jacobians.shape  # beside a joint with too few joints the motion decides
+        sigma = np.zeros((len(self.q), shape[1] if model.grasp_rows is None else min(shape[1:])))
+        sigma[:, : model.nv] = np.linalg.svd(self._jacobians, compute_uv=False)
         self.sigma_min = frozen(sigma[:, -1])
         with np.errstate(divide="ignore"):
             self.condition = frozen(sigma[:, 0] / sigma[:, -1])
