@@ -1,4 +1,4 @@
-"""Cells with payloads of several links: a door, a box with a lid and a beam, planar and in space."""
+"""Cells with payloads of several links: a door, a box with a lid, a beam, a table, planar and in space."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 import coop_pin as cp
 
-PAYLOADS = ("door", "lid", "beam")
+PAYLOADS = ("door", "lid", "beam", "table")
 
 
 def link(name: str, mass: float, centre, size) -> str:
@@ -49,6 +49,16 @@ def box_with_lid(axis=(1, 0, 0), length: float = 0.5) -> str:
     return f'<robot name="box">{parts}{hinge}</robot>'
 
 
+def folding_table(axis=(0, 1, 0), reach: float = 0.2) -> str:
+    """Two leaves with a hinge between them; each arm holds one."""
+    size = (reach, 0.2, 0.03)
+    hinge = joint("hinge", "near", "far", (reach / 2.0, 0, 0), axis, (-0.5, 1.6))
+    return (
+        f'<robot name="table">{link("near", 2.0, (0, 0, 0), size)}'
+        f"{link('far', 1.0, (reach / 2.0, 0, 0), size)}{hinge}</robot>"
+    )
+
+
 def payload(kind: str, is_planar: bool) -> dict:
     """Fields of a payload; of a planar cell its joints turn in the plane."""
     reach = 0.12 if is_planar else 0.2
@@ -58,6 +68,10 @@ def payload(kind: str, is_planar: bool) -> dict:
         axis = (0, 0, 1) if is_planar else (1, 0, 0)
         spring = {"hinge": {"stiffness": 1.5, "rest": 0.1, "friction": 0.02}}
         return {"kind": "links", "path": box_with_lid(axis, 2.2 * reach), "link": "box", "joints": spring}
+    if kind == "table":
+        catch = {"hinge": {"stiffness": 20.0, "damping": 0.1, "friction": 0.02}}
+        axis = (0, 0, 1) if is_planar else (0, 1, 0)
+        return {"kind": "links", "path": folding_table(axis, reach), "link": "near", "joints": catch}
     return {
         "kind": "beam",
         "mass": 2.0,
@@ -69,7 +83,7 @@ def payload(kind: str, is_planar: bool) -> dict:
 
 
 def linked(name: str, kind: str, **changes) -> cp.Scenario:
-    """A scenario of the catalogue with a payload of several links; the arms hold both ends of a beam."""
+    """A scenario of the catalogue with a payload of links; the arms hold both ends of a beam or table."""
     scenario = cp.Scenario.load(name)
     fields, is_planar = scenario.model_dump(), scenario.cell.rows == "planar"
     cell, start = fields["cell"], dict(fields["start"])
@@ -80,8 +94,8 @@ def linked(name: str, kind: str, **changes) -> cp.Scenario:
             "xyz": (X @ (-0.2, 0.0, 0.0, 1.0))[:3].tolist(),
             "rpy": start["rpy"],
         }
-    if kind == "beam":
-        for arm, rod in zip(cell["grasps"], ("rod0", "rod4"), strict=True):
+    if ends := {"beam": ("rod0", "rod4"), "table": ("near", "far")}.get(kind):
+        for arm, rod in zip(cell["grasps"], ends, strict=True):
             cell["grasps"][arm] = {**cell["grasps"][arm], "link": rod}
             cell["grasps"][arm].pop("kind", None)
     cell["pads"] = {}

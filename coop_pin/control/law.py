@@ -60,6 +60,8 @@ class Law(Description):
     """Quantities that the law uses where they are measured, in addition to kinematics."""
     controls_grasps: ClassVar[bool] = False
     """Whether each arm controls the rows of its own grasp, where that is a joint."""
+    controls_part: ClassVar[bool] = False
+    """Whether arms may have fewer joints than a grasp that is a joint holds rows."""
     works_apart: ClassVar[bool] = False
     """Whether its arms may hold different things."""
     spare_spring: ClassVar[str] = ""
@@ -278,7 +280,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
     def _require_joints(self, arm: ControlledArm) -> None:
         """Refuse an arm with too few joints for the task rows, or too many for the printed law."""
         k, k_0 = arm.drives, arm.rows.size
-        if k < k_0:
+        if k < k_0 and not (self.controls_part and arm.grasp is not None):
             count, joints = "at least", joint_shortage(k, k_0)
         elif self.needs_square and k > k_0:
             remedy = "choose 'sliding-mode-redundant' or 'payload-space'"

@@ -64,6 +64,21 @@ def right_inverse(J: Array, time: float, damping: float | None = None) -> Array:
     return J.T.dot(gram_inverse)
 
 
+def full_rank_inverse(J: Array, time: float) -> Array:
+    """Return J^+ of a payload Jacobian; with fewer columns than rows (J^T J)^-1 J^T.
+
+    J J^+ is then the part of a wrench that the drives feel; the arm's structure bears the rest.
+
+    Args:
+        J: shape (k_0, k).
+        time: time for the message, s.
+
+    Raises:
+        SingularJacobianError: J loses rank, as of ``right_inverse``.
+    """
+    return right_inverse(J.T, time).T if J.shape[1] < J.shape[0] else right_inverse(J, time)
+
+
 def _singular(J: Array, time: float, condition: float) -> Exception:
     """Return the error of a payload Jacobian that has no right inverse."""
     if J.shape[1] < J.shape[0]:

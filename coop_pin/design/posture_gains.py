@@ -34,18 +34,19 @@ def posture_gains(
     """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
 
     The damping keeps T lambda below 0.9 with the payload held, or with free tips that ``tips_give``: their
-    light wrists then join the spare motion. The spring is lowered with it. On full
-    rows the spring takes no more torque at rest than gravity asks for, however stiff it is; on positional
-    ones the closures hold the spare joints against it, so that it is lowered to what the drives can hold.
+    light wrists then join the spare motion, as one does that a joint makes spare. The spring is lowered with
+    it. On full rows the spring takes no more torque at rest than gravity asks for, however stiff it is; on
+    positional ones the closures hold the spare joints against it, so that it is lowered to what the drives
+    can hold.
     """
     on_base = any(arm.base_joints for arm in scenario.cell.arms.values())
     usual, decay = _BASE_POSTURE if on_base else PostureGains(), 0.0
     for reach in cell_reach.arms:
         arm = CellArm(scenario.cell, reach.arm)
-        if arm.nv == arm.rows.size:
+        if arm.spare <= 0:
             continue
         for q in reach.q[:: max(1, len(reach.q) // 20)]:
-            U = np.linalg.svd(arm.null_space(q))[0][:, : arm.nv - arm.rows.size]
+            U = np.linalg.svd(arm.null_space(q))[0][:, : arm.spare]
             M = arm.from_drive.T @ arm.mass_matrix(q) @ arm.from_drive
             inertia = np.linalg.inv(U.T @ np.linalg.solve(M, U)) if tips_give else U.T @ M @ U
             decay = max(decay, 1.0 / float(np.linalg.eigvalsh(inertia)[0]))

@@ -8,11 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from coop_pin.base.arrays import as_fitting_count, require_type
 from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
+from coop_pin.base.schema.parts import fields_of
+from coop_pin.control.gains import Gains
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
+from coop_pin.design.grasp_gains import with_joint_gains, with_tool_gains
 from coop_pin.design.own_inertia import held_by_squeeze
 from coop_pin.design.proposal_limits import (
     friction_limits,
@@ -22,7 +27,6 @@ from coop_pin.design.proposal_limits import (
     posture_limit,
 )
 from coop_pin.design.stable_gains import LAWS, stable_proposal, with_stable_gains
-from coop_pin.design.tool_gains import with_tool_gains
 from coop_pin.design.tuning_rule import GainProposal, anchored_enough, force_path_of
 from coop_pin.feasibility.carried_motion import seen_by_arms
 from coop_pin.feasibility.least_squeeze import least_squeeze, with_enough_squeeze
@@ -33,7 +37,7 @@ from coop_pin.feasibility.motion_feasibility import (
     squeeze_part,
     with_best_postures,
 )
-from coop_pin.feasibility.reachability import POSE_SIZE, reachability
+from coop_pin.feasibility.reachability import POSE_SIZE, Reachability, reachability
 from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.results.finding import Findings
@@ -75,7 +79,7 @@ class Suggestion:
     def summary(self) -> str:
         """Return the changes, the values and what limits each, as text."""
         law: Any = self.scenario.controller
-        numbers = self.proposal.summary() if self.proposal else f"proposal: {law.kind}, {law.gains!r}"
+        numbers = self.proposal.summary() if self.proposal else f"proposal: {law.kind}, {_told(law.gains)}"
         return "\n".join(
             (
                 *(f"! {sentence}" for sentence in self.changes),
@@ -84,6 +88,14 @@ class Suggestion:
                 *(f"  {sentence}" for sentence in self.limits),
             )
         )
+
+
+def _told(gains: Gains) -> str:
+    """Return gains as text; a matrix is that of the first arm, and shown in the file alone."""
+    shown = {name: gain for name, gain in fields_of(gains).items() if gain is not None}
+    return ", ".join(
+        f"{name} {'a matrix for each arm' if np.ndim(gain) == 2 else gain}" for name, gain in shown.items()
+    )
 
 
 def suggest(
@@ -112,8 +124,8 @@ def suggest(
     ``zero_at_grasp``, with which the deflection is no bias. The sampled loop of springs, arms and law must be
     stable.
 
-    Beside tools the symmetric law is proposed, with such gains of every arm alone; rate, postures and grasps
-    stay as they are.
+    Beside tools the symmetric law is proposed, with such gains of every arm alone, and beside joints the law
+    in the rows of each grasp; rate, postures and grasps stay as they are.
 
     Patches ask for the same, and for the split of the virtual linkage, guards, and a squeeze of at least 1.5
     times ``least_squeeze``: stated ones are raised, and without one the tips press along the lines between
@@ -130,8 +142,8 @@ def suggest(
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
             or stability.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
-        ArgumentError: grasps are joints, patches hold together with other grasps, or tables are under rigid
-            ones.
+        ArgumentError: the payload has several links, patches hold together with other grasps, or tables are
+            under rigid ones.
     """
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
@@ -149,10 +161,7 @@ def suggest(
     if cell.payload.links is not None:
         raise ArgumentError("suggest is for a payload of one body, and this one has several links")
     if cell.jointed:
-        raise ArgumentError(
-            f"suggest is for cells whose grasps hold every row, and those of {list(cell.jointed)} are joints;"
-            " ask it of the same cell with bare poses as grasps (``cell.rigid``), and check the gains"
-        )
+        return _beside_joints(scenario, poses)
     if cell.tools:
         return _beside_tools(scenario, poses)
     if cell.has_contacts and len(cell.patches) < len(cell.arms):
@@ -207,13 +216,35 @@ def suggest(
 def _beside_tools(scenario: Scenario, poses: int) -> Suggestion:
     """Return a proposal for arms of which some have tools; raises as ``suggest``."""
     require_rank(scenario.cell)
+    suggested, limit = with_tool_gains(scenario, _feasible(scenario, poses))
+    uncovered = "it is for arms that hold one payload, and some have tools"
+    return _as_stated(scenario, suggested, (limit,), uncovered)
+
+
+def _beside_joints(scenario: Scenario, poses: int) -> Suggestion:
+    """Return a proposal for arms of which some hold by joints; raises as ``suggest``."""
+    suggested, limits = with_joint_gains(scenario, _feasible(scenario, poses))
+    return _as_stated(
+        scenario, suggested, limits, "it is for grasps that hold every row, and some are joints"
+    )
+
+
+def _feasible(scenario: Scenario, poses: int) -> Reachability:
+    """Return the reach of a motion that the arms can follow and hold, in their stated postures."""
     cell_reach = reachability(scenario, poses=poses)
     require_feasible(scenario, cell_reach, statics_along(scenario, cell_reach))
-    suggested, limit = with_tool_gains(scenario, cell_reach)
+    return cell_reach
+
+
+def _as_stated(
+    scenario: Scenario, suggested: Scenario, limits: tuple[str, ...], uncovered: str
+) -> Suggestion:
+    """Return a proposal that changes the law alone."""
     kinds = [each.controller.kind for each in (scenario, suggested)]
-    changed = f"law CHANGED from {kinds[0]!r} to {kinds[1]!r}: gains of arms with tools are proposed for it"
-    none = Forecast(uncovered="it is for arms that hold one payload, and some have tools")
-    return Suggestion(suggested, None, (limit,), (changed,) * (kinds[0] != kinds[1]), none)
+    changed = f"law CHANGED from {kinds[0]!r} to {kinds[1]!r}: gains for such a cell are proposed for it"
+    return Suggestion(
+        suggested, None, limits, (changed,) * (kinds[0] != kinds[1]), Forecast(uncovered=uncovered)
+    )
 
 
 def _squeezed(scenario: Scenario, statics: StaticTorques) -> tuple[Scenario, float]:

@@ -69,7 +69,7 @@ def freedoms(scenario: Scenario) -> Freedoms:
     N = V[int((sizes > _BEYOND * sizes[0]).sum()) :].T
     scale = np.where(rows.are_linear, 1.0, _LEVER)
     moves = np.linalg.svd((rows.select(chain.payload_jacobian(q)) @ N) * scale[:, None])
-    left = int((moves[1] > _BEYOND * moves[1][0]).sum())
+    left = int((moves[1] > _BEYOND * moves[1].max(initial=_LEVER)).sum())  # of none, too
     targets = [motion.at(time) for time in np.linspace(0.0, scenario.duration, _TWISTS).tolist()]
     turned = [rotate_vector6(X_WP[:3, :3] @ at.X_WP_d[:3, :3].T, at.V_WP_d) for at in targets]
     links = scenario.cell.payload.links

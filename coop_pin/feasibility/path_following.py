@@ -215,7 +215,8 @@ class PathFollowing:
         self._reached = np.array([solution.is_closed for solution in self._solutions])
         rows = model.rows
         self._jacobians = np.stack([model.task_jacobian(q) for q in self.q])
-        sigma = np.zeros((len(self.q), self._jacobians.shape[1]))
+        shape = self._jacobians.shape  # beside a joint with too few joints the motion decides
+        sigma = np.zeros((len(self.q), shape[1] if model.grasp_rows is None else min(shape[1:])))
         sigma[:, : model.nv] = np.linalg.svd(self._jacobians, compute_uv=False)
         self.sigma_min = frozen(sigma[:, -1])
         with np.errstate(divide="ignore"):

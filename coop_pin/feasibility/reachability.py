@@ -41,7 +41,8 @@ class ArmReach:
         sigma_min: smallest singular value of the payload Jacobian in task rows and drive coordinates, shape
             (n,).
         condition: condition number of it, shape (n,).
-        joint_shortage: counts and remedy if it has fewer joints than the cell has task rows; otherwise "".
+        joint_shortage: counts and remedy if it has fewer joints than the cell has task rows and its grasp is
+            no joint; otherwise "".
         start_error: the arm cannot hold the start; then the arrays are empty and nothing else is known.
         unreachable: the arm cannot follow; None if it can.
         nearest_singularity: pose closest to a singular one; None with too few joints.
@@ -186,9 +187,8 @@ def reachability(
 
 def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:
     model, rows = CellArm(scenario.cell, name), scenario.cell.task_rows.size
-    if model.grasp_rows is not None:
-        rows = model.grasp_rows.size
-    shortage = joint_shortage(model.nv, rows) if model.nv < rows else ""
+    is_short = model.nv < rows and model.grasp_rows is None  # beside a joint the motion decides
+    shortage = joint_shortage(model.nv, rows) if is_short else ""
     try:
         q = solve_ik(model, path.poses[0], posture=model.description.posture)
     except UnreachablePoseError as error:

@@ -66,17 +66,26 @@ class CellArm(ArmModel):
         """Configuration at the arm's posture, all angles zero without one, shape (nq,)."""
         return self.posture(self.description.posture)
 
-    def task_jacobian(self, q: Array) -> Array:
+    @property
+    def spare(self) -> int:
+        """Number of joints beyond the rows of its grasp; negative with fewer."""
+        return int(self.nv - (self.grasp_rows or self.rows).size)
+
+    def task_jacobian(self, q: Array, R_WP: Array | None = None) -> Array:
         """Return J = S J_WP T^-1 with V_WP = J qdot on the task rows S, shape (k_0, nv).
 
         Of a grasp that is a joint it is J_i on the rows that this holds, about C in its axes, shape (k, nv).
+
+        Args:
+            q: Configuration.
+            R_WP: Orientation of the payload beyond a joint, shape (3, 3); as the arm sees it when omitted.
         """
-        if self.grasp_rows is not None:
-            X_WP, X_PC = self.payload_pose(q), self.grasp_rows.X_PC
-            to_C = FullRows().twist_shift(X_WP[:3, :3] @ X_PC[:3, 3])
-            turned = np.kron(np.eye(2), (X_WP @ X_PC)[:3, :3].T)
-            return self.grasp_rows.select(turned @ to_C @ self.payload_jacobian(q)) @ self.from_drive
-        return self.rows.select(self.payload_jacobian(q)) @ self.from_drive
+        J = self.payload_jacobian(q) @ self.from_drive
+        if self.grasp_rows is None:
+            return self.rows.select(J)
+        R_seen, X_PC = self.payload_pose(q)[:3, :3], self.grasp_rows.X_PC
+        turned = np.kron(np.eye(2), ((R_seen if R_WP is None else R_WP) @ X_PC[:3, :3]).T)
+        return self.grasp_rows.select(turned @ FullRows().twist_shift(R_seen @ X_PC[:3, 3]) @ J)
 
     def null_space(self, q: Array) -> Array:
         """Return N = I - J^+ J: the drive velocities that do not move the payload, shape (nv, nv)."""

@@ -57,9 +57,13 @@ class RestingLaw:
         if is_zeroed:  # at this pose, not where the start is
             self._law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
         first = self._sensing.start(q, self._rest, simulation.references(time), self._signals)
-        self.references = [
-            reference._replace(pose=X_WP if is_zeroed else one.payload_pose, twist=0.0 * reference.twist)
-            for reference, one in zip(simulation.references(time), first, strict=True)
+        pairs = zip(scenario.cell.arms, simulation.references(time), first, strict=True)
+        self.references = [  # an arm does not see how far a joint has turned
+            reference._replace(
+                pose=X_WP if is_zeroed or name in scenario.cell.jointed else one.payload_pose,
+                twist=0.0 * reference.twist,
+            )
+            for name, reference, one in pairs
         ]
         first = heard(self._law, first, self.references, None, simulation.exchange.at_once)
         self.state = self._law.init(first, self.references)

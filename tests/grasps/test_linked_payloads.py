@@ -289,6 +289,11 @@ def test_what_a_linked_payload_does_not_go_with_is_refused_by_name():
         cp.suggest(scenario)
     with pytest.raises(ArgumentError, match="several links"):
         cell.require_rigid("this")
+    hinged = cell.replace(
+        grasps={**cell.grasps, "left": {**cell.grasps["left"].model_dump(), "kind": "hinge"}}
+    )
+    assert hinged.rigid.held_links == cell.held_links
+    assert not hinged.rigid.jointed
     off = linked("two-pandas-box", "door").override({"start.xyz": (0.0, 0.0, 0.45)})
     chain = CellChain(off.cell, off.plant)
     with pytest.raises(FieldError, match="from where"):

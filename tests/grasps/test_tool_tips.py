@@ -174,6 +174,7 @@ def test_gains_of_single_arms_hold_where_those_of_the_cell_do_not(cell):
     suggested = cp.suggest(stated, poses=5)
     assert suggested.changes == ()
     assert "each arm alone" in suggested.summary()
+    assert "((" not in suggested.summary()
     alone, together = sampled_stability(suggested.scenario), sampled_stability(of_cell)
     assert alone.value < 1.0
     assert together.value > 3.0 * alone.value

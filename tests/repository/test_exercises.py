@@ -67,6 +67,27 @@ def test_the_mean_pose_law_of_thirty_lines_is_that_of_the_package(solution, cell
     assert_allclose(*torques, rtol=0, atol=1e-9 * float(abs(torques[0]).max()))
 
 
+@pytest.mark.gate
+def test_freedoms_and_internal_wrenches_are_those_of_the_table(solution):
+    table = (FOLDER.parents[1] / "docs" / "howto" / "grasps.md").read_text(encoding="utf-8")
+    rows = re.findall(r"\| (?:two|three) (\w+?)s? \| ([\d, ]+) \| (\d) \|", table)
+    shown = {kind: (*map(int, left.split(", ")), int(internal)) for kind, left, internal in rows}
+    assert solution("count_freedoms").compared() == shown
+    told = re.search(r"leave (\d) freedoms and (\d) internal .* (\d) and (\d), cylinders (\d) and (\d)", PAGE)
+    four = [value for kind in ("rigid", "hinge", "cylinder") for value in (shown[kind][2], shown[kind][4])]
+    assert list(map(int, told.groups())) == four
+
+
+@pytest.mark.gate
+def test_the_damping_of_a_light_wrist_is_predicted_and_proposed(solution):
+    wrist = solution("light_wrist")
+    rows = wrist.compared()
+    assert_allclose(*zip(*rows.values(), strict=True), rtol=0.02)
+    proposed = cp.suggest(wrist.hinged(8.0), poses=21).scenario.controller.posture.damping
+    shown = re.search(r"8 N m s/rad of other cells give ([\d.]+), .* `suggest` takes ([\d.]+) N m", PAGE)
+    assert_allclose([rows[8.0][1], proposed], [*map(float, shown.groups())], rtol=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [path.stem for path in FOLDER.glob("*.py")])
 def test_the_commands_print_their_tables(name, tmp_path):

@@ -92,6 +92,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     }
 
     controls_grasps: ClassVar[bool] = True
+    controls_part: ClassVar[bool] = True
     works_apart: ClassVar[bool] = True
     spare_spring: ClassVar[str] = "controller.posture.stiffness"
 

@@ -20,7 +20,7 @@ from coop_pin.control.laws.anchored_integral import AnchoredIntegral, IntegralSt
 from coop_pin.control.laws.bounded_anchor import AnchorState
 from coop_pin.control.laws.sliding_surface import SurfaceGains, Switching
 from coop_pin.control.measurement import ArmMeasurement, ArmReference
-from coop_pin.control.terms import GainAxes, Posture, null_space_part, right_inverse
+from coop_pin.control.terms import GainAxes, Posture, full_rank_inverse, null_space_part
 
 
 class PayloadSpaceStart(NamedTuple):
@@ -111,7 +111,9 @@ class GripGuard(NamedTuple):
 class PayloadSpaceController(LawController[PayloadSpaceGains]):
     """Law (23) on the payload: motion terms leave no internal wrench; decentralised, without a model.
 
-    For any number of joints k >= k_0. Wrenches and twists are about P in world axes, on the task rows.
+    For any number of joints k >= k_0; with fewer, J^+ = (J^T J)^-1 J^T and the drives feel J J^+ of a wrench:
+    anchor and integral then move Z by that part alone, and the arm's structure bears the rest. Wrenches and
+    twists are about P in world axes, on the task rows.
 
     ::
 
@@ -177,7 +179,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         Z, nothing = np.zeros(self.arm.rows.size), np.zeros(J.shape[1])
         pull, squeeze, reported = nothing, reference.internal_wrench, measurement.reported_torque
         if tau_hold is not None:
-            Z = -right_inverse(J, measurement.time).T.dot(tau_hold)
+            Z = -full_rank_inverse(J, measurement.time).T.dot(tau_hold)
             pull = nothing if self.posture is None else self.posture.pull(measurement.q, measurement.v)
         if self.arm.pressed:  # the holding torque has the squeeze in it, which f_r keeps
             Z, squeeze = Z - self._squeeze(measurement, reference, squeeze), np.zeros_like(squeeze)
@@ -215,8 +217,9 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             grip = state.holds * self.guard.grips(measurement, reference, f_r)
             f_r = grip * f_r
         fhat, age = self._measured_wrench(measurement, f_r, reference.share(arm))
-        error = fhat - f_r
-        J_plus = None if self.posture is None else right_inverse(J, measurement.time)
+        is_square = J.shape[0] == J.shape[1]
+        J_plus = None if is_square else full_rank_inverse(J, measurement.time)
+        error = _felt(fhat - f_r, J, J_plus)
         integral, anchor = self.integral.anchored(
             (state.integral, state.anchor),
             measurement,
@@ -233,7 +236,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
 
         goes_on, leak = self.integral.rates(integral, measurement)
         rate = goes_on * c * self.axes.product(K, X_WP, gains.sign_gain.dot(self.switched(s)))
-        change = arm.period * (rate - leak)
+        change = _felt(arm.period * (rate - leak), J, J_plus)
         integral, anchor = self.integral.following((integral, anchor), change, X_WP)
         holds = state.holds if self.guard is None else grip
         return ArmCommand(tau, PayloadSpaceState(integral, start, tau, anchor, holds))
@@ -273,3 +276,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             return f_r, np.inf
         fhat = measurement.interaction_wrench - share * self.payload_weight
         return fhat, measurement.interaction_wrench_age
+
+
+def _felt(wrench: Array, J: Array, J_plus: Array | None) -> Array:
+    """Return J J^+ of a wrench, the part that the drives feel: all of it with as many joints as rows."""
+    if J_plus is None or J.shape[1] > J.shape[0]:
+        return wrench
+    return J.dot(J_plus.dot(wrench))

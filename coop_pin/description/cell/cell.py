@@ -108,9 +108,12 @@ class Cell(HeldPayload):
 
     @property
     def rigid(self) -> Self:
-        """The same cell with rigid grasps, without tables."""
+        """The same cell with rigid grasps on the same links, without tables."""
+        links = self.held_links
         grasps = {
-            name: g if isinstance(g, LinkGrasp) else Pose(xyz=g.xyz, rpy=g.rpy)
+            name: LinkGrasp(xyz=g.xyz, rpy=g.rpy, link=links[name])
+            if name in links
+            else Pose(xyz=g.xyz, rpy=g.rpy)
             for name, g in self.grasps.items()
         }
         return self.replace(grasps=grasps, tables={})
