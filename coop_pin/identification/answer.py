@@ -69,10 +69,7 @@ class Blame:
         """
         fits = [fit for fit in (self.kinematics, self.payload) if fit is not None]
         values = {
-            one: float(x)
-            for fit in fits
-            for one, x in zip(fit.parameters, fit.x, strict=True)
-            if one.arm and one.part != "clock"
+            one: float(x) for fit in fits for one, x in zip(fit.parameters, fit.x, strict=True) if one.arm
         }
         return correction(self.scenario, values) if values else {}
 

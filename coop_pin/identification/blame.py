@@ -141,6 +141,6 @@ def _trust(kinematics: Fit, payload: Fit | None, answer: Mapping[str, Any]) -> I
     if left > most:
         sentence = (
             f"causes leave {left:.2f} of the {answer['read']:.2f} N that the wrists read: the law, its"
-            " gains or its squeeze is another one"
+            " gains or its squeeze is another one, or drives are at their limits"
         )
         yield Finding("log", "controller", "warning", sentence, left, most)
