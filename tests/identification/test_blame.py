@@ -1,5 +1,6 @@
 """Who pulls the object apart: estimates, newtons and pairs against runs with known causes, and misuse."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +18,10 @@ from coop_pin.model.cell_arm import CellArm
 PRIORS = Priors(clock=3e-3, link=0.0, wrist=(2.0, 0.1))
 
 
-def answered(kind, seed, scales=None):
+@functools.cache
+def answered(kind, seed):
     scenario = scenario_of(kind)
-    causes = drawn(np.random.default_rng(seed), scenario, scales or {})
+    causes = drawn(np.random.default_rng(seed), scenario, {})
     record, cell = logged(scenario, causes, seed)
     return scenario, causes, record, cell, cp.blame(record, cell, priors=PRIORS)
 
@@ -215,22 +217,12 @@ LONG = ("the sign of a wrench", "milliseconds")
 )
 def test_misuse_is_refused_and_blamed_on_no_joint(name):
     change, words = MISUSE[name]
-    _, _, record, cell, _ = misused()
+    _, _, record, cell, _ = answered("turning", 4)
     answer = cp.blame(change(record), cell, priors=PRIORS)
     assert not answer.findings.ok, answer.summary()
     assert words in answer.summary()
     assert answer.causes == ()
     assert answer.kinematics is None
-
-
-_MISUSED = []
-
-
-def misused():
-    """The spatial case, made once for all misuse."""
-    if not _MISUSED:
-        _MISUSED.append(answered("turning", 4))
-    return _MISUSED[0]
 
 
 def test_a_log_without_a_cell_is_refused_and_a_law_without_a_formula_is_named():
@@ -267,7 +259,7 @@ def test_95_percent_intervals_cover_in_93_to_97_of_100_draws(kind):
 def test_a_minute_at_500_hz_takes_less_than_five_seconds():
     import time
 
-    _, _, record, cell, _ = misused()
+    _, _, record, cell, _ = answered("turning", 4)
     long = scaled(record, "time", 1.0)
     arms = {}
     for name, arm in long.arms.items():
