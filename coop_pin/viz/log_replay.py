@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
@@ -40,7 +39,7 @@ def logged_run(answer: Blame) -> RunResult:
     sizes = dict.fromkeys(("patch", "shared", "base", "payload_joint"), 0)
     sizes |= {"arm": len(arms), "joint": joints, "q": model.model.nq, "v": model.model.nv}
     samples = allocate(quantities(scenario), len(time), sizes)
-    samples["configuration"][:] = pin.neutral(model.model)
+    samples["configuration"][:] = np.eye(model.model.nq)[-1]  # a free payload, which is last, does not turn
     limits, jacobians = np.full((4, len(arms), joints), np.nan), []
     for k, (arm, place) in enumerate(zip(arms, model.arms, strict=True)):
         one = filtered_arms[arm.name]
