@@ -332,4 +332,3 @@ def test_links_that_are_off_within_their_prior_widen_joints_and_keep_coverage(li
         inside += [*(np.abs(fit.x - truth(fit, causes)) < 1.96 * fit.sd)]
     assert np.mean(inside) > 0.9
     assert np.mean(joints[link]) > np.mean(joints[0.0])
-    print(link, np.mean(inside), {prior: np.mean(values) for prior, values in joints.items()})
