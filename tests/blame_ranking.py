@@ -79,7 +79,11 @@ def index_of(parameter, parameters):
 
 
 def answers(kind, part, seeds, costs, load):
-    """The culprit and the answer of every draw; the runs are lanes of a batch."""
+    """The culprit and the answer of every draw whose run is sound; the runs are lanes of a batch.
+
+    Friction or a clock that cost that much may shake a cell until an arm is beyond its joint limits, or its
+    motion is no solution any more: no user keeps such a log.
+    """
     scenario, cells, draws = scenario_of(kind), [], []
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -94,7 +98,10 @@ def answers(kind, part, seeds, costs, load):
         draws.append((culprit, causes, rng))
     batch = simulate_batch(cells)
     for k, (culprit, causes, rng) in enumerate(draws):
-        record = late_clocks(free_hands(cp.logs.Record.of_run(batch.result(k)), causes, rng), causes)
+        result = batch.result(k)
+        if not result.simulation_sound:
+            continue
+        record = late_clocks(free_hands(cp.logs.Record.of_run(result), causes, rng), causes)
         believed = {"cell.payload": scenario.cell.payload, "cell.load_shares": None, "network": None}
         yield culprit, cp.blame(record, cells[k].override(believed), priors=PRIORS)
     batch.release()

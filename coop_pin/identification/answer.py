@@ -35,6 +35,7 @@ class Blame:
         effects: forces by unit errors; None where no formula covers the law.
         causes: causes by newtons, the largest first.
         views: newtons of all kinematic errors together, which the mismatch of the views shows, with interval.
+        read: internal force beyond the wanted one that the wrists read, root mean square, N; NaN without.
         unexplained: force that the wrists read and no cause explains, root mean square, N; NaN without it.
         share: newtons by load shares of the law that are not those of the cell; None without wrenches. It is
             among the causes where the log shows it.
@@ -53,6 +54,7 @@ class Blame:
     effects: Effects | None = None
     causes: tuple[Cause, ...] = ()
     views: tuple[float, float, float] = (np.nan,) * 3
+    read: float = np.nan
     unexplained: float = np.nan
     share: Cause | None = None
     excitation: Excitation | None = None
@@ -67,10 +69,7 @@ class Blame:
         """
         fits = [fit for fit in (self.kinematics, self.payload) if fit is not None]
         values = {
-            one: float(x)
-            for fit in fits
-            for one, x in zip(fit.parameters, fit.x, strict=True)
-            if one.arm and one.part != "clock"
+            one: float(x) for fit in fits for one, x in zip(fit.parameters, fit.x, strict=True) if one.arm
         }
         return correction(self.scenario, values) if values else {}
 
@@ -105,7 +104,8 @@ class Blame:
             if self.share is not None and self.share not in self.causes:
                 lines.append(f"  below {self.share.high:.2f} N  load shares, which are those of the cell")
             if np.isfinite(self.unexplained):
-                lines.append(f"  {self.unexplained:6.2f} N  read by the wrists and not explained")
+                read = f"not explained of the {self.read:.2f} N that the wrists read"
+                lines.append(f"  {self.unexplained:6.2f} N  {read}")
             if self.excitation is not None:
                 lines.append(f"to see more: {self.excitation}")
         return "\n".join(lines)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ from coop_pin.results.run_result import RunResult
 
 _BELIEVED = 1.1
 """chi up to which noise and priors explain the residual."""
+_LEFT, _LEAST = 0.5, 0.3
+"""Part of what the wrists read, and force, N, that may be left unexplained."""
 
 
 def blame(
@@ -62,10 +64,7 @@ def blame(
     if any(one.severity == "error" for one in noted):
         return Blame(scenario, record, Findings(scenario.name, sorted_findings(noted)))
     kinematics = closure.fit()
-    late = {
-        one.arm: float(kinematics.x[k]) for k, one in enumerate(kinematics.parameters) if one.part == "clock"
-    }
-    samples, payload, friction = filtered(record, late), None, list[DriveFriction]()
+    samples, payload, friction = filtered(record, kinematics.late), None, list[DriveFriction]()
     if all(len(record.arms[name].wrench_time) for name in arms):
         payload = payload_fit(record, scenario, closure, kinematics, samples, priors)
         noted += wrench_findings(payload, record, scenario, closure, kinematics, samples, priors)
@@ -74,7 +73,8 @@ def blame(
             friction += friction_fit(arm, samples[name], payload.x[zeros], payload.sd[zeros])
     noted += prior_findings(kinematics, payload)
     answer = newtons(closure, record, scenario, kinematics, payload, friction, samples, priors)
-    findings = Findings(scenario.name, sorted_findings([*noted, *_trust(kinematics, payload)]))
+    noted += _trust(kinematics, payload, answer)
+    findings = Findings(scenario.name, sorted_findings(noted))
     if not findings.ok:
         return Blame(scenario, record, findings)
     return Blame(scenario, record, findings, kinematics, payload, tuple(friction), **answer)
@@ -128,20 +128,19 @@ def _stated_noise(scenario: Scenario, arms: Mapping[str, CellArm]) -> dict[str, 
     return noise
 
 
-def _trust(kinematics: Fit, payload: Fit | None) -> list[Finding]:
-    """Return whether the residuals are those of noise; what exceeds it has widened the intervals."""
+def _trust(kinematics: Fit, payload: Fit | None, answer: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield residuals beyond those of noise, which widen intervals, and a law that explains too little."""
     fits = {"the views of the arms": kinematics} | (
         {} if payload is None else {"the sum of the wrenches": payload}
     )
-    return [
-        Finding(
-            "log",
-            "",
-            "warning",
-            f"chi of {name} is {fit.chi:.2f}, beyond {_BELIEVED}: intervals are wider by it",
-            fit.chi,
-            _BELIEVED,
+    for name, fit in fits.items():
+        if fit.chi > _BELIEVED:
+            sentence = f"chi of {name} is {fit.chi:.2f}, beyond {_BELIEVED}: intervals are wider by it"
+            yield Finding("log", "", "warning", sentence, fit.chi, _BELIEVED)
+    left, most = answer.get("unexplained", 0.0), max(_LEFT * answer.get("read", 0.0), _LEAST)
+    if left > most:
+        sentence = (
+            f"causes leave {left:.2f} of the {answer['read']:.2f} N that the wrists read: the law, its"
+            " gains or its squeeze is another one, or drives are at their limits"
         )
-        for name, fit in fits.items()
-        if fit.chi > _BELIEVED
-    ]
+        yield Finding("log", "controller", "warning", sentence, left, most)

@@ -10,21 +10,15 @@ from scipy.interpolate import CubicSpline
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import log3
-from coop_pin.identification.filtering import deflection
+from coop_pin.identification.filtering import deflection, position_noise, sample_times
 from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
 
-_SAMPLES = 600
-"""Poses that are fitted."""
 _STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
 """Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
-_APART = 3
-"""Samples from one pose that is fitted to the next, at least."""
-_EXACT = 1e-6
-"""Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
-_MARGIN = 0.05
-"""Time at both ends of a record that clocks may shift, s."""
+_ALIGNS = 5
+"""Most steps of the clocks alone before."""
 
 
 class Priors(NamedTuple):
@@ -110,6 +104,12 @@ class Fit(NamedTuple):
         """1 - posterior / prior variance: 0 where the log says nothing, shape (n,)."""
         return 1.0 - np.diag(self.covariance) / self.prior**2
 
+    @property
+    def late(self) -> dict[str, float]:
+        """Delays of the clocks of arms, s."""
+        values = zip(self.parameters, self.x.tolist(), strict=True)
+        return {one.arm: value for one, value in values if one.part == "clock"}
+
     def of(self, arm: str, part: str) -> list[int]:
         """Return the indices of the parameters of a part of an arm."""
         return [i for i, one in enumerate(self.parameters) if (one.arm, one.part) == (arm, part)]
@@ -136,23 +136,6 @@ def kinematic_parameters(arms: Mapping[str, CellArm], priors: Priors) -> tuple[l
         parameters.append(Parameter(name, "clock", "", "s"))
         sds.append(priors.clock)
     return parameters, np.array(sds)
-
-
-def position_noise(record: ArmRecord) -> Array:
-    """Return the standard deviation of the positions of a record: of their counts, or of what is not smooth.
-
-    Counts are seen if most steps are multiples of the smallest one.
-    """
-    sds = []
-    for q in record.position.T:
-        steps = np.abs(np.diff(q))
-        steps = steps[steps > 1e-12]
-        rough = float(np.median(np.abs(np.diff(q, 3)))) / 0.6745 / np.sqrt(20.0) if len(q) > 3 else 0.0
-        count = float(steps.min()) if len(steps) else 0.0
-        ratios = steps / count if count else np.ones(1)
-        is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)
-        sds.append(count / np.sqrt(12.0) if is_counted else rough)
-    return np.maximum(sds, _EXACT)
 
 
 class ViewClosure:
@@ -197,7 +180,7 @@ class ViewClosure:
     def view(self, name: str, times: Array, offset: Array | float = 0.0, late: float = 0.0) -> View:
         """Return the view of an arm at times of the first clock, with what the spring of its grasp gives."""
         arm = self.arms[name]
-        view = view_of(arm, self._splines[name](times + late) - offset)
+        view = view_of(arm, self.joints(name, times + late)[0] - offset)
         if name not in self._springs:
             return view
         off = self._springs[name][0](times + late)
@@ -207,8 +190,10 @@ class ViewClosure:
         return view._replace(pose=view.pose @ arm.X_PE @ np.linalg.inv(arm.X_PE @ slack))
 
     def joints(self, name: str, times: Array) -> tuple[Array, Array]:
-        """Return joint positions and velocities of an arm at times, shape (n, nv)."""
-        return self._splines[name](times), self._splines[name](times, 1)
+        """Return joint positions and velocities of an arm at times, shape (n, nv); its ends beyond them."""
+        spline = self._splines[name]
+        times = np.clip(times, spline.x[0], spline.x[-1])
+        return spline(times), spline(times, 1)
 
     def turns(self, times: Array) -> Array:
         """Return how the parameters turn the view of the first arm, world axes, rad, shape (n, 3, p)."""
@@ -230,7 +215,7 @@ class ViewClosure:
             late = clocks[number - 1] if number else 0.0
             view = self.view(name, self.times, offset, late)
             pose = moved(view, arm, tip, base, links)
-            speed = self._splines[name](self.times + late, 1)
+            _, speed = self.joints(name, self.times + late)
             poses.append(pose)
             of_arm = -columns(view._replace(pose=pose), arm)
             derivatives.append((of_arm, np.einsum("nij,nj->ni", view.jacobian, speed)))
@@ -284,9 +269,27 @@ class ViewClosure:
         A = (self._whiten @ J[:, :, self._is_free]).reshape(-1, len(z)) * self.prior
         return np.einsum("nij,nj->ni", self._whiten, r), A
 
+    def _aligned(self) -> Array:
+        """Return the errors, in units of the priors, with clocks that fit beside a constant mismatch.
+
+        From clocks that are further off than one swing of the motion, steps of all errors at once go astray.
+        """
+        z = np.zeros(len(self.prior))
+        clocks = [k for k, one in enumerate(self.parameters) if one.part == "clock"]
+        for _ in range(_ALIGNS):
+            residual, A = self._whitened(z)
+            late = A.reshape(*residual.shape, -1)[..., clocks]
+            late = (late - late.mean(axis=0)).reshape(-1, len(clocks))
+            right = late.T @ (residual - residual.mean(axis=0)).ravel()
+            step = np.linalg.solve(late.T @ late + np.eye(len(clocks)), right)
+            z[clocks] -= step
+            if np.abs(step).max(initial=0.0) < 1.0:
+                break
+        return z
+
     def fit(self) -> Fit:
         """Return the estimate of all parameters: Gauss-Newton steps until it rests."""
-        z, n = np.zeros(len(self.prior)), len(self.times)
+        z, n = self._aligned(), len(self.times)
         for _ in range(_STEPS):
             residual, A = self._whitened(z)
             H = np.linalg.inv(A.T @ A + np.eye(len(z)))
@@ -303,26 +306,3 @@ def _spline(record: ArmRecord) -> CubicSpline:
     """Return the joint positions as functions of the arm's time; stamps that repeat are left out."""
     time, kept = np.unique(record.time, return_index=True)
     return CubicSpline(time, record.position[kept])
-
-
-def sample_times(record: Record, most: int = _SAMPLES) -> Array:
-    """Return times that are spread over the movement of the joints, without gaps and free hands.
-
-    Equal parts of the path of all joints: at rest, errors of counts would repeat.
-    """
-    start, end = record.held_span
-    first = next(iter(record.arms.values())).time
-    grid = np.linspace(start + _MARGIN, end - _MARGIN, 4 * most)
-    is_near = np.ones(len(grid), dtype=bool)
-    path = np.zeros(len(grid))
-    for arm in record.arms.values():
-        after = np.clip(np.searchsorted(arm.time, grid), 1, len(arm.time) - 1)
-        is_near &= arm.time[after] - arm.time[after - 1] < 5.0 * float(np.median(np.diff(arm.time)))
-        q = np.array([np.interp(grid, arm.time, one) for one in arm.position.T])
-        path[1:] += np.abs(np.diff(q, axis=1)).sum(axis=0)
-    path = np.cumsum(path) + 1e-9 * (grid - grid[0]) / max(float(np.ptp(first)), 1e-9)
-    equal = np.interp(np.linspace(0.0, path[-1], most), path, grid)
-    kept = np.interp(equal, grid, is_near) == 1.0
-    # where nothing of the first arm is interpolated; interpolations of the others share their samples' noise
-    stamps = np.unique(first)[::_APART]
-    return np.unique(stamps[np.clip(np.searchsorted(stamps, equal[kept]), 0, len(stamps) - 1)])

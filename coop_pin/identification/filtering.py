@@ -13,10 +13,16 @@ from coop_pin.logs.record import ArmRecord, Record
 
 WINDOW = 0.2
 """Width of the Hann kernel, s; what is faster is in no equation of motion that is fitted."""
+_EXACT_ANGLE = 1e-6
+"""Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
+_POSES, _APART = 600, 3
+"""Poses that are fitted, and samples from one to the next, at least."""
+MARGIN = 0.25
+"""Time at both ends of a record that clocks may shift, s."""
 _EXACT = 3e-5
 """Part of the largest force or moment to which even a sensor without noise, or a simulated one, is true."""
 _SPACING = 0.6
-"""Distance of the samples that are kept, in windows: their noise is nearly independent."""
+"""Distance of the samples that are kept, in windows, at which their noise is nearly independent."""
 
 
 def filter_error(values: Array, times: Array, step: float) -> Array:
@@ -80,7 +86,7 @@ def deflection(arm: ArmRecord, stiffness: Array) -> tuple[CubicSpline, Array]:
     return CubicSpline(time, off), spread / stiffness * np.linalg.norm(kernel / kernel.sum())
 
 
-def filtered(record: Record, late: Mapping[str, float]) -> dict[str, Filtered]:
+def filtered(record: Record, late: Mapping[str, float], spacing: float = _SPACING) -> dict[str, Filtered]:
     """Return filtered samples of all arms at common times.
 
     A sum of wrenches equals a rate of momentum at every frequency; filtered alike, both sides stay equal, and
@@ -89,6 +95,7 @@ def filtered(record: Record, late: Mapping[str, float]) -> dict[str, Filtered]:
     Args:
         record: record of the arms.
         late: delay of the clock of each arm, s.
+        spacing: distance of the samples that are kept, in windows.
     """
     start, end = record.held_span
     step = max(float(np.median(np.diff(arm.time))) for arm in record.arms.values())
@@ -96,7 +103,7 @@ def filtered(record: Record, late: Mapping[str, float]) -> dict[str, Filtered]:
     kernel = np.hanning(width + 2)[1:-1]
     kernel /= kernel.sum()
     grid = np.arange(start, end, step)
-    kept = slice(width, max(len(grid) - width, width + 1), max(int(_SPACING * width), 1))
+    kept = slice(width, max(len(grid) - width, width + 1), max(int(spacing * width), 1))
     return {
         name: _filtered(arm, grid, kernel, kept, late.get(name, 0.0)) for name, arm in record.arms.items()
     }
@@ -126,3 +133,43 @@ def _filtered(arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: flo
     tau = smooth(arm.time, arm.effort)
     time, q, v, a, tau, wrench = (each[kept] for each in (grid, q, v, a, tau, wrench))
     return Filtered(time, q, v, a, tau, wrench, noise, scatter(arm.effort))
+
+
+def position_noise(record: ArmRecord) -> Array:
+    """Return the standard deviation of the positions of a record: of their counts, or of what is not smooth.
+
+    Counts are seen if most steps are multiples of the smallest one.
+    """
+    sds = []
+    for q in record.position.T:
+        steps = np.abs(np.diff(q))
+        steps = steps[steps > 1e-12]
+        rough = float(np.median(np.abs(np.diff(q, 3)))) / 0.6745 / np.sqrt(20.0) if len(q) > 3 else 0.0
+        count = float(steps.min()) if len(steps) else 0.0
+        ratios = steps / count if count else np.ones(1)
+        is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)
+        sds.append(count / np.sqrt(12.0) if is_counted else rough)
+    return np.maximum(sds, _EXACT_ANGLE)
+
+
+def sample_times(record: Record, most: int = _POSES) -> Array:
+    """Return times that are spread over the movement of the joints, without gaps and free hands.
+
+    Equal parts of the path of all joints: at rest, errors of counts would repeat.
+    """
+    start, end = record.held_span
+    first = next(iter(record.arms.values())).time
+    grid = np.linspace(start + MARGIN, end - MARGIN, 4 * most)
+    is_near = np.ones(len(grid), dtype=bool)
+    path = np.zeros(len(grid))
+    for arm in record.arms.values():
+        after = np.clip(np.searchsorted(arm.time, grid), 1, len(arm.time) - 1)
+        is_near &= arm.time[after] - arm.time[after - 1] < 5.0 * float(np.median(np.diff(arm.time)))
+        q = np.array([np.interp(grid, arm.time, one) for one in arm.position.T])
+        path[1:] += np.abs(np.diff(q, axis=1)).sum(axis=0)
+    path = np.cumsum(path) + 1e-9 * (grid - grid[0]) / max(float(np.ptp(first)), 1e-9)
+    equal = np.interp(np.linspace(0.0, path[-1], most), path, grid)
+    kept = np.interp(equal, grid, is_near) == 1.0
+    # where nothing of the first arm is interpolated; interpolations of the others share their samples' noise
+    stamps = np.unique(first)[::_APART]
+    return np.unique(stamps[np.clip(np.searchsorted(stamps, equal[kept]), 0, len(stamps) - 1)])

@@ -10,7 +10,7 @@ import numpy as np
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.closure import Fit, Priors, ViewClosure
-from coop_pin.identification.filtering import Filtered
+from coop_pin.identification.filtering import MARGIN, Filtered
 from coop_pin.identification.payload import payload_fit
 from coop_pin.logs.record import Record
 from coop_pin.results.finding import Finding
@@ -143,6 +143,10 @@ def prior_findings(kinematics: Fit, payload: Fit | None) -> Iterator[Finding]:
     for fit in (kinematics, payload):
         if fit is None:
             continue
+        for arm, late in fit.late.items():
+            if abs(late) > MARGIN:
+                sentence = f"the clock of {arm} is {late:.3g} s late: take that off its stamps"
+                yield Finding("log", f"{arm} clock", "error", sentence, late, MARGIN)
         far = np.abs(fit.x) / fit.prior
         worst = int(far.argmax())
         if far[worst] > _BEYOND:

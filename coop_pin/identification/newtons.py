@@ -69,8 +69,8 @@ def newtons(
     answer: dict[str, Any] = {"effects": made, "simulated": reason, "causes": causes, "views": views}
     answer["excitation"] = best_excitation(closure, kinematics, made, priors)
     if payload is not None:
-        answer["unexplained"], share = _left(made, x, covariance, scenario, closure, samples)
-        answer["share"] = share
+        *left, share = _left(made, x, covariance, scenario, closure, samples)
+        answer |= {"read": left[0], "unexplained": left[1], "share": share}
         ranked = [*causes, share] if share.low > 0.0 and share.is_known else causes
         answer["causes"] = tuple(sorted(ranked, key=lambda cause: -cause.newtons))
     return answer
@@ -158,8 +158,8 @@ def _left(
     scenario: Scenario,
     closure: ViewClosure,
     samples: Mapping[str, Filtered],
-) -> tuple[float, Cause]:
-    """Return what the wrists read of the internal force beyond its causes, and the cause of load shares.
+) -> tuple[float, float, Cause]:
+    """Return the internal force that wrists read, what is beyond its causes, and the cause of load shares.
 
     A law that parts the load by other shares than those of the cell leaves an internal force ``d_i F`` along
     the whole force F: d_i is fitted to what the other causes leave.
@@ -172,12 +172,12 @@ def _left(
     f_d = f_d if made.without is None else made.without[at]
     reading = made.reading[at]
     left, settled = read - reading @ x, times > times[0] + _SETTLED
-    left, total, reading = left[settled], total[settled][:, 0], reading[settled]
+    left, total, reading, read = left[settled], total[settled][:, 0], reading[settled], read[settled]
     weight = total / max(float((total**2).sum()), 1e-12)
     shares = np.einsum("nk,nik->i", weight, left)
     left = left - shares[:, None] * total[:, None]
     noise = sum((one.noise[:3] ** 2).sum() for one in samples.values()) / 4.0
-    rms = float((left**2).sum(axis=2).max(axis=1).mean())
+    rms, whole = (float((each**2).sum(axis=2).max(axis=1).mean()) for each in (left, read))
     arm = int(np.abs(shares).argmax())
     by_x = np.einsum("nk,nkp->p", weight, reading[:, arm])
     variance = _REPEATS * rms / len(linear) * float((weight**2).sum()) + by_x @ covariance @ by_x
@@ -185,7 +185,8 @@ def _left(
     newtons, half = size * abs(float(shares[arm])), 1.96 * size * float(np.sqrt(variance))
     members = tuple(Parameter(name, "load share", "", "") for name in closure.arms)
     share = Cause(members, newtons, max(newtons - half, 0.0), newtons + half)
-    return float(np.sqrt(max(rms - float(noise), 0.0))), share
+    norms = np.sqrt(np.maximum(np.array((whole, rms)) - noise, 0.0))
+    return float(norms[0]), float(norms[1]), share
 
 
 def _read(

@@ -114,14 +114,6 @@ def _began(times: Array, position: Array, start: float, seen: Callable[[Array], 
     return float(near[int(np.argmin(off))])
 
 
-def _forces(result: RunResult, rows: list[int], shares: Array) -> tuple[Array, Array]:
-    """Return the internal force on each arm, and that which wrists read, N, shape (n, m, rows)."""
-    data = result.data
-    F = np.nan_to_num((data.measured_wrench if "measured_wrench" in data else data.interaction_wrench).values)
-    F = F[:, :, rows]
-    return data.internal_wrench.values[:, :, rows], F - shares * F.sum(axis=1, keepdims=True)
-
-
 def _friction(
     scenario: Scenario, friction: Sequence[DriveFriction], less: DriveFriction | None
 ) -> dict[str, Any]:

@@ -52,8 +52,8 @@ class RunResult:
 
     ENDED_BY = "ended_by"
     """Attribute of ``data``: class of the error that ended the run, if one did."""
-    ENGINE, USUAL_ENGINE = "engine", "pinocchio"
-    """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
+    ENGINE, USUAL_ENGINE, LOGGED = "engine", "pinocchio", "log"
+    """Attribute of ``data``: what computed the motion, unless it was Pinocchio; of a log LOGGED."""
     EVERY_TICK = "every_tick"
     """Attribute of ``data`` of runs that keep every n-th tick: what is known of all ticks, as JSON."""
     FINDINGS, REMARKS = "findings", "remarks"

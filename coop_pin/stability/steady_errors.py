@@ -49,6 +49,8 @@ class SteadyErrors(NamedTuple):
         bias: kinematic bias of the position of one arm's tip, m.
         load: constant force on the payload that the law does not know, N.
         force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
+        zero: internal force that 1 N leaves by which a wrist's zero is off, N: 1 - c where the internal
+            wrench of all arms anchors an integral; NaN elsewhere.
         growth: rate at which it grows where it does, N/s; NaN likewise.
         limit: largest bias of one arm from the start on that is sure to come to rest, m; inf without a bound
             of the anchor.
@@ -72,6 +74,7 @@ class SteadyErrors(NamedTuple):
     bias: float
     load: float
     force: float
+    zero: float
     growth: float
     limit: float
     ramp: float
@@ -99,9 +102,11 @@ class SteadyErrors(NamedTuple):
                 else f"a force that grows{rate}"
             )
             lines.append(
-                f"at rest a bias of {self.bias * 1e3:g} mm leaves {force},"
+                f"at rest a bias of {self.bias * 1e3:g} mm leaves {force} (norm, worst arm and axis),"
                 f" and {self.load:g} N of unknown load a sag of {self.sag * 1e3:.3g} mm"
             )
+        if not math.isnan(self.zero):
+            lines[-1] += f"; a wrist's zero of 1 N leaves {self.zero:.3g} N"
         if not math.isnan(self.ramp):
             lines.append(
                 f"a load of {self.load:g} N that comes slowly leaves {self.ramp:.3g} N with that bias, and"
@@ -163,7 +168,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         raise ArgumentError("steady errors are known of commanded torques, not of servos")
     exchanges, measures_own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs
     shares, balanced = scenario.cell.shares.tolist(), math.nan
-    force, growth, ramp, drift, unreachable, sag = [math.nan] * 6
+    force, zero, growth, ramp, drift, unreachable, sag = [math.nan] * 7
     limit = free = math.inf
     loop = law.loop(scenario.timing)
     period = loop.every * scenario.clock.period
@@ -177,6 +182,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         sag = max(_sag(direction, load) for direction in directions)
         if law.measures and exchanges:
             drift = max(_drift(direction, share, load) for direction in directions for share in shares)
+            zero = 1.0 - min(shares)
             unreachable = min(direction.unreachable(share) for direction in directions for share in shares)
         if measures_own:
             rate = min(direction.integral(min(shares) * bias) for direction in directions)
@@ -190,6 +196,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         bias=bias,
         load=load,
         force=force,
+        zero=zero,
         growth=growth,
         limit=limit,
         ramp=ramp,

@@ -12,7 +12,9 @@ from coop_pin.base.arrays import typed
 from coop_pin.figures.blame_figures import blame_figure, views_figure
 from coop_pin.identification.answer import Blame
 from coop_pin.identification.closure import Fit
-from coop_pin.viz.page import save_page, web_file
+from coop_pin.viz.log_replay import logged_run
+from coop_pin.viz.page import inside_page, save_page, web_file
+from coop_pin.viz.replay import replay_html
 from coop_pin.viz.report import figure_image
 
 
@@ -34,10 +36,18 @@ def blame_html(answer: Blame) -> str:
         causes=causes,
         text=html.escape(answer.summary()),
         views=figure_image(views_figure(answer), "views of the arms over time"),
+        replay=_replay(answer),
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
         estimates="\n".join(map(_rows, fits)),
         correction=html.escape(answer.corrected().to_toml(commented=True)),
     )
+
+
+def _replay(answer: Blame) -> str:
+    """Return the replay of a log as text of an attribute; of arms on shared joints none."""
+    if answer.scenario.cell.shared_joints:
+        return "No replay shows arms on shared joints, whose positions no log has."
+    return inside_page(replay_html(logged_run(answer)))
 
 
 @typed

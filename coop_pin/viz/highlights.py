@@ -186,7 +186,8 @@ def verdict_lines(result: RunResult) -> list[VerdictLine]:
         return [VerdictLine(result.verdict(), is_good=False)]
     friction = f"; {result.friction_text}" if result.friction_text and task.state != "dropped" else ""
     text, _, numbers = task.text.partition(" (") if task.kept else (task.text, "", "")
-    return [VerdictLine(f"{text}{friction}", task.kept, numbers.removesuffix(")")), _soundness(result)]
+    of_task = VerdictLine(f"{text}{friction}", task.kept, numbers.removesuffix(")"))
+    return [of_task] if result.engine == RunResult.LOGGED else [of_task, _soundness(result)]
 
 
 def _soundness(result: RunResult) -> VerdictLine:

@@ -80,6 +80,11 @@ def page_html(layout: str, page: Mapping[str, Any]) -> str:
     return layout.replace(DATA, json_text(page)).replace(SCRIPTS, page_scripts())
 
 
+def inside_page(replay: str) -> str:
+    """Return a replay as the text of an attribute ``srcdoc``, laid out to stand inside another page."""
+    return html.escape(replay.replace('class="replay"', 'class="replay inside"', 1))
+
+
 def page_parts(
     kind: str,
     title: str,

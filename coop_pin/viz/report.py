@@ -31,7 +31,7 @@ from coop_pin.figures.run_figures import (
 from coop_pin.results.metrics import METRIC_TEXTS, metric_text
 from coop_pin.results.run_result import RunResult
 from coop_pin.viz.highlights import events_text, read_number, telling_instant, verdict_lines
-from coop_pin.viz.page import save_page, web_file
+from coop_pin.viz.page import inside_page, save_page, web_file
 from coop_pin.viz.replay import replay_html
 
 
@@ -161,7 +161,7 @@ def report_html(result: RunResult) -> str:
             for row in metrics_table(result)
         ),
         left_out=f"Left out, because it does not apply to this run: {html.escape(absent)}." if absent else "",
-        replay=html.escape(replay_html(result).replace('class="replay"', 'class="replay inside"', 1)),
+        replay=inside_page(replay_html(result)),
         motion=figure_image(motion_figure(result), "paths of payload and tips"),
         tracking=figure_image(
             tracking_figure(result), "payload pose against the desired one, and the axial internal force"

@@ -1,5 +1,8 @@
 """Newtons of causes: by runs where no formula covers the law, the law's shares, and ranks of blind draws."""
 
+import itertools
+
+import blame_logs
 import numpy as np
 import pytest
 from blame_ranking import answers, is_first, unit_costs
@@ -7,6 +10,8 @@ from log_cells import RICH
 
 import coop_pin as cp
 from coop_pin.identification import Priors
+from coop_pin.identification.filtering import filtered
+from coop_pin.viz.log_replay import logged_run
 
 PRIORS = Priors(clock=3e-3, link=0.0)
 QUIET = {"events": [], "duration": 6.0}
@@ -56,6 +61,10 @@ def test_a_run_without_noise_is_explained_and_its_folder_is_a_log(changes, tmp_p
     assert answer.share.newtons < 0.05
     motion = answer.excitation
     assert motion.after < motion.before
+    drawn, start = logged_run(answer).data, filtered(answer.record, {}, 1.0)["left"].time[0]
+    there = result.data.interp(time=drawn.time.values + start)
+    for name, most in (("payload_position", 1e-3), ("internal_wrench", 0.05), ("torque", 0.2)):
+        assert np.nanmax(np.abs(drawn[name].values - there[name].values)[50:]) < most, name
     points = {"motion": {"kind": "waypoints", "points": list(motion.points)}, "duration": 4.0}
     assert cp.run(result.scenario, points, warn=False).limit_violations() == ()
 
@@ -73,7 +82,8 @@ def test_shares_of_the_law_that_are_not_those_of_the_cell_are_told(share):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "classes"), [("turning", ["share"]), ("adept", ["tip", "base", "joint", "wrist"])]
+    ("kind", "classes"),
+    [("turning", ["share", "friction"]), ("adept", ["tip", "base", "joint", "wrist", "clock"])],
 )
 def test_the_culprit_is_first_in_18_of_20_blind_draws_of_a_class(kind, classes, request):
     """A class that was drawn is kept, so that an interrupted test goes on."""
@@ -81,12 +91,61 @@ def test_the_culprit_is_first_in_18_of_20_blind_draws_of_a_class(kind, classes, 
     for part in classes:
         key = f"blame/{kind}-{part}"
         if cache.get(key, None) is None:
+            sound = itertools.islice(answers(kind, part, range(7000, 7024), costs, load), 20)
             draws = [
-                (is_first(culprit, answer), len(answer.causes[0].arms) == 2)
-                for culprit, answer in answers(kind, part, range(7000, 7020), costs, load)
+                (is_first(culprit, answer), len(answer.causes[0].arms) == 2) for culprit, answer in sound
             ]
             cache.set(key, [[bool(first), bool(both)] for first, both in draws])
         first, both = np.array(cache.get(key, None)).T
+        assert len(first) == 20, part
         assert first.sum() >= 18, (part, first.sum())
         if part in ("tip", "base"):  # only the difference is seen
             assert both[first].all(), part
+
+
+@pytest.mark.gate
+def test_another_law_or_squeeze_is_told_by_what_its_causes_leave():
+    """A wanted squeeze of 8 N less is 8 N of internal force that nothing explains, and no joint's."""
+    scenario = cp.Scenario.load("adept-anchored", QUIET | {"sensors": {"wrist": {}}})
+    result = cp.run(scenario, warn=False)
+    squeeze = {"left": [-2.0, *[0.0] * 5], "right": [2.0, *[0.0] * 5]}
+    answer = cp.blame(result, scenario.override({"squeeze": squeeze}), priors=PRIORS)
+    assert abs(answer.unexplained - 8.0) < 0.8
+    assert [one.place for one in answer.findings.of("warning")] == ["controller"]
+    assert not any(one.members[0].part == "joint" and one.newtons > 0.02 for one in answer.causes)
+
+
+@pytest.mark.slow
+def test_the_printed_law_in_place_of_the_anchored_one_is_told():
+    scenario, printed = cp.Scenario.load("adept-anchored", QUIET), cp.Scenario.load("adept-paper")
+    result = cp.run(scenario, {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}, warn=False)
+    answer = cp.blame(cp.logs.Record.of_run(result), scenario.replace(controller=printed.controller))
+    assert "controller" in [one.place for one in answer.findings.of("warning")]
+
+
+@pytest.mark.slow
+def test_five_logs_have_their_cause_first_and_their_force_in_the_corrected_cell(tmp_path):
+    """By runs: 0.1 N or the interval; of shares the internal force by the law's own ones has nothing."""
+    blame_logs.main(tmp_path, 620)
+    quiet = {f"arm_sensors.{name}.wrist.noise": {} for name in ("left", "right")}
+    believed = blame_logs.believed()
+
+    def force(scenario):
+        data = cp.run(scenario, warn=False).data
+        return (data.internal_wrench - data.desired_internal_wrench).values[50:, :, :3]
+
+    none = force(blame_logs.real(believed, ("clock", "right", 0, 0.0))[1].override(quiet))
+    for number, culprit in enumerate(blame_logs.culprits(620), 1):
+        answer = cp.blame(tmp_path / f"log_{number}.csv", tmp_path / "cell.toml")
+        part, arm, *_ = culprit
+        first = answer.causes[0]
+        if part == "share":
+            assert first is answer.share
+            continue
+        axis = blame_logs.named(culprit)["axis"]
+        assert (arm, part, axis) in [(one.arm, one.part, one.axis) for one in first.members], first
+        made, corrected = (
+            float(np.linalg.norm(force(cell.override(quiet)) - none, axis=2).max(axis=1).mean())
+            for cell in (blame_logs.real(believed, culprit)[1], answer.corrected())
+        )
+        assert abs(made - corrected) < max(0.1, (first.high - first.low) / 2.0), first

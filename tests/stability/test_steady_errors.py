@@ -30,6 +30,9 @@ def test_anchored_law_has_a_constant_force_and_no_sag():
     found = errors(bias=1e-3, load=50.0)
     assert_allclose(found.force, 0.25 * K_I * K * GAMMA * 1e-3 / (0.1 * RATE))
     assert (found.sag, found.product, found.wrenches, found.delay) == (0.0, 0.0, 2, 15)
+    assert found.zero == 0.5  # its internal part; with unequal shares that of the arm with the smaller one
+    assert errors({"cell.load_shares": {"left": 0.3, "right": 0.7}}).zero == 0.7
+    assert math.isnan(errors(UNMEASURED).zero)
     # Beyond the saturation's width the integral's rate is limited: alpha = k_I w.
     unbounded = errors({"controller.anchor_bias": "none"}, bias=1.0)
     assert_allclose(unbounded.force, 0.5 * K * 0.25 / (0.1 * RATE))

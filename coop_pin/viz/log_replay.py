@@ -1,0 +1,98 @@
+"""Record of a log as a run, with what its arms saw and their wrists read, for the replay of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coop_pin.base.arrays import Array
+from coop_pin.description.scenario import Scenario
+from coop_pin.identification.answer import Blame
+from coop_pin.identification.filtering import filtered
+from coop_pin.model.cell_arm import CellArm
+from coop_pin.model.cell_model import CellModel
+from coop_pin.model.joint_limits import JointLimits
+from coop_pin.results.dataset import dataset
+from coop_pin.results.energies import work_names
+from coop_pin.results.quantities import Samples, allocate, quantities
+from coop_pin.results.run_result import RunResult
+
+_SPACING = 0.15
+"""Distance of the frames, in windows of the filter: 30 ms."""
+
+
+def logged_run(answer: Blame) -> RunResult:
+    """Return the record of an answer as a run, from the time on at which the arms hold the payload.
+
+    The payload is where the first arm sees it. Wrenches are filtered, at the clocks and without the zeros
+    that were found. What is not logged is zero; the desired pose is then that which is seen.
+
+    Args:
+        answer: answer with estimates of the wrists, of a cell without shared joints.
+    """
+    late = {} if answer.kinematics is None else answer.kinematics.late
+    filtered_arms = filtered(answer.record, late, _SPACING)
+    arms = [CellArm(answer.scenario.cell, name) for name in filtered_arms]
+    time = next(iter(filtered_arms.values())).time
+    changes = {"events": (), "network": None, "duration": float(time[-1] - time[0])}
+    scenario = answer.scenario.replace(**changes).with_ideal_sensors
+    model, joints = CellModel(scenario.cell, scenario.plant.payload), max(arm.nv for arm in arms)
+    sizes = dict.fromkeys(("patch", "shared", "base", "payload_joint"), 0)
+    sizes |= {"arm": len(arms), "joint": joints, "q": model.model.nq, "v": model.model.nv}
+    samples = allocate(quantities(scenario), len(time), sizes)
+    samples["configuration"][:] = np.eye(model.model.nq)[-1]  # a free payload, which is last, does not turn
+    limits, jacobians = np.full((4, len(arms), joints), np.nan), []
+    for k, (arm, place) in enumerate(zip(arms, model.arms, strict=True)):
+        one = filtered_arms[arm.name]
+        entries = np.array([arm.configuration(angles) for angles in one.q])
+        samples["configuration"][:, place.q_slice] = entries
+        if k == 0:
+            _fill(samples, answer, scenario, time, np.array([arm.payload_pose(q) for q in entries]))
+        samples["tip_position"][:, k] = [arm.tip_pose(q)[:3, 3] for q in entries]
+        samples["torque"][:, k, : arm.nv] = one.tau @ arm.from_drive
+        wrench = one.wrench - _zero(answer, arm.name)
+        samples["interaction_wrench"][:, k] = _about_payload(wrench, samples["payload_pose"], arm.X_PE)
+        jacobians.append(np.array([arm.task_jacobian(q) for q in entries]))
+        known = JointLimits(scenario.cell.arms[arm.name], arm.name)
+        for row, values in zip(limits, (known.lower, known.upper, known.velocity, known.torque), strict=True):
+            row[k, : arm.nv] = np.where(np.isfinite(values), values, np.nan)
+    each = filtered_arms.values()
+    samples |= {"angles": [one.q for one in each], "rates": [one.v for one in each]}
+    samples |= {"drive": [arm.drive for arm in arms], "jacobian": jacobians}
+    data = dataset(scenario, samples, [place.joint_names for place in model.arms], limits)
+    return RunResult(scenario, data.assign_attrs({RunResult.ENGINE: RunResult.LOGGED}))
+
+
+def _fill(samples: Samples, answer: Blame, scenario: Scenario, time: Array, X_WP: Array) -> None:
+    """Fill in what is of no single arm: payload, reference and squeeze; zeros for energies and closures."""
+    record = answer.record
+    samples["time"][:], samples["payload_pose"][:], samples["desired_pose"][:] = time - time[0], X_WP, X_WP
+    if last := len(record.desired_time):
+        nearest = np.minimum(np.searchsorted(record.desired_time, time), last - 1)
+        samples["desired_pose"][:] = record.desired[nearest]
+    for name in ("payload", "desired"):
+        samples[f"{name}_twist"][:] = 0.0
+        samples[f"{name}_twist"][:, :3] = np.gradient(samples[f"{name}_pose"][:, :3, 3], time, axis=0)
+    grasps = scenario.cell.grasps
+    samples["desired_squeeze"][:] = [scenario.squeeze.at(t, grasps) for t in samples["time"].tolist()]
+    samples |= {name: np.zeros(len(time)) for name in work_names(False, False)}
+    for name in (
+        "external_wrench",
+        "closure_distance",
+        "closure_angle",
+        "kinetic_energy",
+        "potential_energy",
+    ):
+        samples[name][:] = 0.0
+
+
+def _zero(answer: Blame, name: str) -> Array:
+    """Return the estimate of the zero of an arm's wrist, shape (6,)."""
+    fit = answer.payload
+    return np.zeros(6) if fit is None else np.asarray(fit.x[fit.of(name, "wrist")])
+
+
+def _about_payload(wrench: Array, X_WP: Array, X_PE: Array) -> Array:
+    """Return wrenches in axes of a tip as wrenches about P in world axes, shape (n, 6)."""
+    R, lever = X_WP[:, :3, :3] @ X_PE[:3, :3], X_WP[:, :3, :3] @ X_PE[:3, 3]
+    force, moment = (np.einsum("nij,nj->ni", R, part) for part in (wrench[:, :3], wrench[:, 3:]))
+    return np.hstack((force, moment + np.cross(lever, force)))
