@@ -13,7 +13,8 @@ from coop_pin.model.cell_model import CellModel
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.results.dataset import dataset
 from coop_pin.results.energies import work_names
-from coop_pin.results.quantities import Samples, allocate, quantities
+from coop_pin.results.quantities import quantities
+from coop_pin.results.quantity import Samples, allocate
 from coop_pin.results.run_result import RunResult
 
 _SPACING = 0.15
