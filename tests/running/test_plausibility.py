@@ -83,6 +83,19 @@ def test_a_payload_beyond_ten_metres_is_told(kind):
     assert implausible(cell_of(kind).override({"cell.payload.size": [9.0, 0.3, 0.3]})) == ()
 
 
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", "three-ur5-plate"])
+def test_a_mass_that_is_changed_without_its_inertia_is_a_note_with_the_inertia(name):
+    """Of a bar, a box and a cylinder."""
+    scenario = cp.Scenario.load(name)
+    heavier = scenario.override({"cell.payload.mass": 1.7 * scenario.cell.payload.mass})
+    (note,) = implausible_numbers(heavier)
+    assert (note.kind, note.severity, note.limit) == ("inertia", "note", heavier.cell.payload.mass)
+    assert note.value == pytest.approx(scenario.cell.payload.mass)
+    cured = heavier.override(note.remedy)
+    assert implausible_numbers(cured) == ()
+    np.testing.assert_allclose(cured.cell.payload.inertia, 1.7 * np.array(scenario.cell.payload.inertia))
+
+
 def test_a_posture_beyond_the_limits_is_told_with_its_joint():
     pandas = cell_of("spatial")
     (said,) = implausible(pandas.override({"cell.arms.left.posture": DEGREES}))
