@@ -195,7 +195,7 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
         with contextlib.suppress(CoopPinError):  # no branch reaches
             cell = with_best_postures(scenario, poses)[0].cell
             yield {
-                path: list(value)
+                path: list(value or ())
                 for name, arm in cell.arms.items()
                 for path, value, stated in (
                     (f"cell.arms.{name}.posture", arm.posture, scenario.cell.arms[name].posture),
