@@ -61,7 +61,10 @@ def posture_gains(
 
 
 def _largest_held(scenario: Scenario, cell_reach: Reachability, damping: float) -> float:
-    """Return the stiffest spring that the drives hold along the motion on positional rows, N m/rad."""
+    """Return the stiffest spring that the drives hold along the motion on positional rows, N m/rad.
+
+    It is infinite where no joint moves away from its posture.
+    """
     without, with_one = (
         positional_torques(scenario, cell_reach, PostureGains(stiffness=stiffness, damping=damping))
         for stiffness in (0.0, 1.0)
@@ -71,7 +74,7 @@ def _largest_held(scenario: Scenario, cell_reach: Reachability, damping: float) 
         part_held(torque, pulled - torque, limit)
         for torque, pulled, limit in zip(without, with_one, limits, strict=True)
     )
-    return rounded_down(max(held, ROUND_OFF))
+    return held if math.isinf(held) else rounded_down(max(held, ROUND_OFF))
 
 
 def rounded_down(value: float) -> float:

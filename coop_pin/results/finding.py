@@ -13,6 +13,7 @@ Severity = Literal["error", "warning", "note"]
 """Error: the task will be lost, or the simulation is wrong. Warning: a likely mistake. Note: a margin."""
 Kind = Literal[
     "unit",
+    "inertia",
     "posture",
     "start",
     "motion",

@@ -17,7 +17,7 @@ from coop_pin.base.schema.user_code import code_of, require_allowed
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.carried_motion import seen_by_arms
 from coop_pin.feasibility.least_squeeze import MARGIN
-from coop_pin.feasibility.motion_feasibility import part_held, squeeze_part
+from coop_pin.feasibility.motion_feasibility import part_held, squeeze_part, with_best_postures
 from coop_pin.feasibility.reachability import reachability
 from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR
@@ -191,6 +191,18 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
         }
     elif finding.kind == "static torque":
         yield from _lighter(scenario, statics_along(scenario, reachability(scenario, poses=poses)))
+    elif finding.kind == "reach" and not (scenario.cell.splits_load or scenario.cell.tools):
+        with contextlib.suppress(CoopPinError):  # no branch reaches
+            cell = with_best_postures(scenario, poses)[0].cell
+            yield {
+                path: list(value or ())
+                for name, arm in cell.arms.items()
+                for path, value, stated in (
+                    (f"cell.arms.{name}.posture", arm.posture, scenario.cell.arms[name].posture),
+                    (f"cell.grasps.{name}.rpy", cell.grasps[name].rpy, scenario.cell.grasps[name].rpy),
+                )
+                if value != stated
+            }
     elif finding.kind == "friction":
         if finding.value > 0.0:
             yield _scaled(scenario, MARGIN * finding.limit / finding.value)

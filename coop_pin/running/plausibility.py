@@ -14,6 +14,7 @@ from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, pose_error
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.results.finding import Finding, Kind
@@ -27,6 +28,8 @@ _EPOCH_S = 1e7
 """Times beyond it are likely stamps of a clock, s: a third of a year."""
 _OUTSIDE_M = 0.01
 """Distance of a tip from the payload's shape that counts: pads and flanges have some, m."""
+_SAME = 1e-5
+"""Part of a mass that counts as the same."""
 _COMPLIANT = {"kind": "compliant", "stiffness": "firm"}
 
 
@@ -35,7 +38,7 @@ def implausible_numbers(scenario: Scenario) -> tuple[Finding, ...]:
 
     Angles that look like degrees, positions and sizes beyond 10 m, postures beyond joint limits, a start away
     from the motion's start, a motion that is not within the run, grasps outside the payload's shape, no
-    squeeze, and a law that does not read the plan of the grasps.
+    squeeze, a law that does not read the plan of the grasps, and an inertia of another mass.
 
     Args:
         scenario: scenario that would be run.
@@ -51,6 +54,7 @@ def implausible_numbers(scenario: Scenario) -> tuple[Finding, ...]:
             *_squeeze(scenario),
             *_plan(scenario),
             *_pads(scenario.cell),
+            *_inertia(scenario.cell.payload),
         )
 
 
@@ -90,6 +94,24 @@ def _pads(cell: Cell) -> Iterator[Finding]:
             " friction that a run uses (NaN); make their grasps compliant",
             {f"cell.grasps.{name}.{field}": value for name in padded for field, value in _COMPLIANT.items()},
         )
+
+
+def _inertia(payload: Payload) -> Iterator[Finding]:
+    """Yield the inertia of a homogeneous body of this shape and another mass: one was changed alone."""
+    m, (x, y, z) = payload.mass, payload.size
+    bodies = {
+        "box": [Payload.box(m, payload.size), *([Payload.bar(m, x, thickness=y)] if y == z else [])],
+        "cylinder": [Payload.cylinder(m, x / 2.0, z)],
+        "mesh": [],
+    }
+    for body in bodies[payload.shape]:
+        part = float(np.trace(payload.inertia_matrix) / np.trace(body.inertia_matrix))
+        is_alike = np.allclose(payload.inertia, part * np.array(body.inertia), atol=0.0)
+        if is_alike and abs(part - 1.0) > _SAME and max(payload.size) <= _LARGEST_M:
+            sentence = f"cell.payload has {m:g} kg, and the inertia of a homogeneous {payload.shape} of"
+            sentence += f" {part * m:.4g} kg: a changed mass does not change it"
+            remedy = {"cell.payload.inertia": [*body.inertia]}
+            yield Finding("inertia", "cell.payload.inertia", "note", sentence, part * m, m, remedy)
 
 
 def _units(value: Any, path: str) -> Iterator[Finding]:

@@ -470,6 +470,7 @@ def test_an_omitted_table_can_be_filled():
     scenario = planar_scenario().replace(cell=planar_scenario().cell.replace(load_shares=None))
     changed = scenario.override({"cell.load_shares.left": 0.3, "cell.load_shares.right": 0.7})
     assert changed.cell.load_shares == {"left": 0.3, "right": 0.7}
+    assert changed.override({"cell.load_shares": {}}).cell.load_shares is None
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from ur_cells import UR, UR5_OF_FIVE, carry, short
 import coop_pin as cp
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.cli import main
+from coop_pin.control import PostureGains
 from coop_pin.design import gain_proposal
 from coop_pin.feasibility import MotionWrenches, closure_problem, reachability
 from coop_pin.model import CellArm
@@ -507,3 +508,11 @@ def test_object_impedance_is_kept_on_rigid_grasps_and_replaced_on_soft_ones():
     assert errors_of(cp.run(kept.scenario, warn=False), 1.0)[0] < 2e-3
     assert replaced.changes[0].startswith("law CHANGED")
     assert replaced.scenario.controller.kind == "payload-space"
+
+
+@pytest.mark.gate
+def test_a_payload_that_stays_on_positional_rows_leaves_the_usual_springs():
+    """No motion stretches them, so that no drive limits them."""
+    still = cp.Scenario.load("two-pandas-box", {"cell.rows": "positional"})
+    still = still.replace(motion=cp.motions.HoldMotion(pose=still.start))
+    assert cp.suggest(still, poses=5).scenario.controller.posture == PostureGains()

@@ -5,10 +5,12 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from forecast_cells import carried, serial_arm
 from test_plausibility import DEGREES, SOUND, cell_of
 
 import coop_pin as cp
 from coop_pin.cli import main
+from coop_pin.model import ArmModel
 from coop_pin.results.finding import LEFT_TO_CHECK
 from coop_pin.running.cell_findings import lost_arm_findings
 from coop_pin.running.check import quick_findings
@@ -49,6 +51,9 @@ def spatial_cases():
     yield palms.replace(squeeze=palms.squeeze.scaled(0.3)), "friction", "error"
     damping = {"controller.gains.admittance_damping": [50.0] * 3 + [1.0] * 3}
     yield cp.Scenario.load("two-ur5-admittance", damping), "admittance stability", "error"
+    springs = cp.Scenario.load("adept-compliant").replace(events=())
+    gain = 3.0 * np.array(springs.controller.gains.sliding_gain)
+    yield springs.override({"controller.gains.sliding_gain": gain.tolist()}), "grasp stability", "error"
 
 
 def quick(scenario):
@@ -100,10 +105,34 @@ def test_what_is_known_before_a_long_run_takes_no_memory_of_its_record():
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[pytest.mark.slow] * (case in (0, 1, 3))) for case in range(5)]
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * (case in (0, 1, 3, 5))) for case in range(6)]
 )
 def test_a_remedy_of_spare_joints_loads_friction_and_servos_works(case):
     assert_a_remedy_works(*[*spatial_cases()][case])
+
+
+@pytest.mark.slow
+def test_a_wrist_beyond_its_limit_along_the_motion_is_cured_by_the_other_branch(tmp_path):
+    """Two arms of three hinges turn a box by 1.2 rad; so do they with their elbows on the other side."""
+    file, q, arms = serial_arm(tmp_path, np.random.default_rng(0), 3), np.array((-0.9, 1.3, -0.4)), {}
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        base = cp.Pose(rpy=(0.0, 0.0, np.pi * (side > 0.0))).matrix
+        tip = ArmModel(cp.Arm(urdf=file, tip="tip", posture=tuple(q))).tip_pose(q)[:3, 3]
+        base[:3, 3] = np.array((0.05 * side, 0.0, 0.0)) - base[:3, :3] @ tip
+        arms[name] = cp.Arm(urdf=file, tip="tip", base=cp.Pose.from_matrix(base), posture=tuple(-q))
+    goal, box = cp.Pose(rpy=(0.0, 0.0, 0.3)), cp.Payload.box(2.0, (0.1, 0.1, 0.1))
+    plane = {"rows": "planar", "gravity": (0.0, 0.0, 0.0)}
+    squeeze = cp.squeezes.TipForceSqueeze(force=5.0)
+    times = (0.5, 4.0, 0.5)
+    draft = carried("wrist", arms, box, "as-posed", cp.Pose(), goal, times=times, cell=plane, squeeze=squeeze)
+    scenario = cp.suggest(draft, poses=5).scenario
+    elbows = {f"cell.arms.{name}.posture": (-q).tolist() for name in arms}
+    beyond = scenario.override({"motion.goal.rpy": (0.0, 0.0, 1.2), **elbows})
+    findings = cp.check(beyond, poses=POSES)
+    remedies = [finding.remedy for finding in findings.of("error") if finding.kind == "reach"]
+    assert remedies
+    for remedy in remedies:
+        assert cp.check(beyond.override(remedy), poses=POSES).ok
 
 
 @pytest.mark.parametrize("kind", SOUND)

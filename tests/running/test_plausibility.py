@@ -83,6 +83,43 @@ def test_a_payload_beyond_ten_metres_is_told(kind):
     assert implausible(cell_of(kind).override({"cell.payload.size": [9.0, 0.3, 0.3]})) == ()
 
 
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", "three-ur5-plate"])
+def test_a_mass_that_is_changed_without_its_inertia_is_a_note_with_the_inertia(name):
+    """Of a bar, a box and a cylinder."""
+    scenario = cp.Scenario.load(name)
+    heavier = scenario.override({"cell.payload.mass": 1.7 * scenario.cell.payload.mass})
+    (note,) = implausible_numbers(heavier)
+    assert (note.kind, note.severity, note.limit) == ("inertia", "note", heavier.cell.payload.mass)
+    assert note.value == pytest.approx(scenario.cell.payload.mass)
+    cured = heavier.override(note.remedy)
+    assert implausible_numbers(cured) == ()
+    np.testing.assert_allclose(cured.cell.payload.inertia, 1.7 * np.array(scenario.cell.payload.inertia))
+
+
+@pytest.mark.parametrize("kind", SOUND)
+@pytest.mark.parametrize("trouble", ["unit", "start", "pad"])
+def test_the_remedy_of_a_number_takes_its_finding_away(kind, trouble):
+    """Of a base in mm, a start beside the motion, and pads on rigid grasps in a plane."""
+    scenario = cell_of(kind)
+    base = np.array(scenario.cell.arms["right"].base.xyz)
+    pad = {"press": "z", "mu": 0.5, "radius": 0.02}
+    pads = {name: pad for name in scenario.cell.arms if scenario.cell.rows == "planar"}
+    changes = {
+        "unit": {"cell.arms.right.base.xyz": (1e3 * base).tolist()},
+        "start": {"motion": {"kind": "hold", "pose": {"xyz": [0.5, 0.1, 0.0], "rpy": [0.0, 0.0, 0.3]}}},
+        "pad": {"cell.pads": pads},
+    }[trouble]
+    doubtful = scenario.override(changes)
+    findings = [finding for finding in implausible_numbers(doubtful) if finding.kind == trouble]
+    assert len(findings) == (trouble != "pad" or bool(pads))
+    for finding in findings:
+        assert finding.remedy
+        cured = doubtful.override(finding.remedy)
+        assert trouble not in {finding.kind for finding in implausible_numbers(cured)}
+        if trouble == "unit":
+            np.testing.assert_allclose(cured.cell.arms["right"].base.xyz, base)
+
+
 def test_a_posture_beyond_the_limits_is_told_with_its_joint():
     pandas = cell_of("spatial")
     (said,) = implausible(pandas.override({"cell.arms.left.posture": DEGREES}))

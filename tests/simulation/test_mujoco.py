@@ -327,10 +327,21 @@ def test_a_run_that_is_resumed_goes_on_bit_for_bit(name):
 
 
 RIGID = (
-    *("adept-anchored", "adept-paper", "baxter-box", "five-joint-pair", "four-ur5-plate", "human-partner"),
-    *("kinova-pair", "panda-ur5-bar", "three-driven-ur5", "three-ur5-far", "three-ur5-plate"),
-    *("two-pandas-box", "two-ur5-admittance"),
+    *("adept-anchored", "adept-paper", "adept-paper-fit", "baxter-box", "five-joint-pair", "four-ur5-plate"),
+    *("human-partner", "kinova-pair", "panda-ur5-bar", "three-driven-ur5", "three-ur5-far"),
+    *("three-ur5-plate", "two-pandas-box", "two-ur5-admittance"),
 )
+
+
+@pytest.mark.gate
+def test_a_scenario_of_the_catalogue_is_compared_or_refused_by_name():
+    for name in cp.scenario_names():
+        scenario = cp.Scenario.load(name)
+        if name in RIGID:
+            assert choose_engine(scenario, "mujoco").engine == "mujoco"
+        else:
+            with pytest.raises(FieldError, match=r"does not have this: .+; choose 'pinocchio'"):
+                choose_engine(scenario, "mujoco")
 
 
 def test_noise_delay_and_servo_have_the_same_draws():
@@ -346,8 +357,11 @@ def test_noise_delay_and_servo_have_the_same_draws():
         assert apart[name] < 0.02 * seeds[name]
 
 
-FINER = {"adept-paper": {"clock.steps_per_tick": 10}}
-"""Twice the steps where a sign in the law turns 1e-8 m into another instant of switching."""
+FINER = {
+    name: {"clock.steps_per_tick": steps} for name, steps in (("adept-paper", 10), ("adept-paper-fit", 20))
+}
+"""Steps where a sign in the law turns 1e-8 m into another instant of switching, and where a push of one tick
+stores more energy in the welds than the verdict allows."""
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ class HeldPayload(Description):
         rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
             world's x-y plane) or "positional" (x, y, z).
         gravity: gravitational acceleration in world axes, m/s^2.
-        load_shares: load share c_i of each arm, summing to one; equal when omitted. A tool bears nothing.
+        load_shares: load share c_i of each arm, summing to one, a tool none; equal when omitted or empty.
         tables: tables that the payload may lie on, by name.
         pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
         split_length: l, m, of the split of the load beside grasps of fewer rows: a moment over l counts as
@@ -193,7 +193,7 @@ class HeldPayload(Description):
     def _shares_sum_to_one(
         cls, shares: dict[str, float] | None, earlier: ValidationInfo
     ) -> dict[str, float] | None:
-        if shares is None:
+        if not shares:
             return None
         check_arm_names(shares, earlier.data.get("arms"))
         total = sum(shares.values())
