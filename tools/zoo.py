@@ -8,6 +8,7 @@ python tools/zoo.py --list               # only the page of the methods, which n
 from __future__ import annotations
 
 import argparse
+import itertools
 import re
 import sys
 from pathlib import Path
@@ -23,6 +24,8 @@ from pages import markdown, save_image, with_block  # noqa: E402
 
 PAGES, IMAGES = REPOSITORY / "docs" / "zoo", REPOSITORY / "docs" / "images"
 METHODS = PAGES / "methods.md"
+DASHES = (("--", "0.35"), (":", "0.1"), ("-.", "0.6"))
+"""Form and grey of the dashed curves of a picture, in turn."""
 
 
 def bullets(texts: tuple[str, ...]) -> str:
@@ -105,8 +108,9 @@ def save_picture(experiment: Experiment, run: Reproduction) -> Path:
     """Draw the curves of a run."""
     figure = Figure(figsize=(6.4, 3.4), layout="constrained")
     panel = figure.subplots()
+    dashes = itertools.cycle({"linestyle": form, "color": grey, "zorder": 3} for form, grey in DASHES)
     for curve in run.curves:
-        style = {"color": "0.35", "linestyle": "--", "zorder": 3} if curve.dashed else {"linewidth": 1.4}
+        style = next(dashes) if curve.dashed else {"linewidth": 1.4}
         panel.plot(curve.x, curve.y, label=curve.label, **style)
     panel.set(xlabel=experiment.picture.x, ylabel=experiment.picture.y)
     panel.set_yscale("log" if experiment.picture.log else "linear")
@@ -131,7 +135,7 @@ def main() -> None:
         experiment = cp.zoo.load_experiment(name)
         run = experiment.run()
         print(run.summary(), end="\n\n")
-        (PAGES / f"{name}.md").write_text(page(experiment, run), encoding="utf-8")
+        (PAGES / f"{experiment.name}.md").write_text(page(experiment, run), encoding="utf-8")
         save_picture(experiment, run)
     METHODS.write_text(
         with_block(METHODS.read_text(encoding="utf-8"), "methods", methods()), encoding="utf-8"

@@ -3,8 +3,8 @@
 Open first: ``parsing`` (all commands), ``run`` (``coop-pin run``; its folder is written by ``run_folder``),
 ``overrides`` (fields of a scenario as typed).
 
-- Commands: ``check``, ``blame``, ``inspect`` (list, show, suggest, new), ``root_locus``, ``export``,
-  ``sweep`` (also ``tune``, and options of commands with many runs), ``compare``, ``conform`` (also ``zoo``),
+- Commands: ``check`` (also ``root_locus``), ``blame``, ``inspect`` (list, show, suggest, new), ``export``,
+  ``sweep`` (also ``tune``, and options of commands with many runs), ``compare``, ``conform``, ``zoo``,
   ``view``; ``field_list`` is what ``fields`` prints.
 - ``exit_codes`` lists how a command ends; ``terminal`` wraps lines and tells what goes on.
 

@@ -1,8 +1,7 @@
-"""Commands ``conform`` and ``zoo``: closed forms beside several engines, claims of papers beside runs."""
+"""Command ``conform``: closed forms beside several engines."""
 
 from __future__ import annotations
 
-import json as json_text
 import subprocess
 import sys
 from pathlib import Path
@@ -10,9 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from coop_pin import zoo as experiments
 from coop_pin.base.errors import FieldError
-from coop_pin.cli.terminal import Working, print_wrapped
 
 
 def conform(
@@ -54,36 +51,3 @@ def conform_folder(checkout: Path) -> Path:
         remedy = "git clone the repository, and in it: pip install -e '.[bench]'"
         raise FieldError(f"is a benchmark, which only a checkout has; {remedy}", "conform")
     return folder
-
-
-def zoo(
-    names: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME...")] = (),
-    all: bool = False,
-    short: bool = False,
-    json: bool = False,
-) -> None:
-    """List published experiments that are rebuilt here, or run some: numbers, limits, a verdict a claim.
-
-    Args:
-        names: experiments to run; when omitted they are listed.
-        all: run all of them.
-        short: run short forms, of seconds.
-        json: print the list, or the numbers and verdicts, as JSON.
-    """
-    known = experiments.experiment_names()
-    chosen = [experiments.load_experiment(name) for name in (known if all or not names else names)]
-    if not (names or all):
-        if json:
-            print(json_text.dumps([one.model_dump() for one in chosen], indent=2))
-            return
-        for one in chosen:
-            print_wrapped(f"{one.name:<24} {len(one.claims)} claims  {one.title}")
-        return
-    told = []
-    for one in chosen:
-        with Working(f"running {one.name}", quiet=json):
-            told.append(one.run(short=short))
-        if not json:
-            print(f"{told[-1].summary()}\n")
-    if json:
-        print(json_text.dumps([one.to_json() for one in told], indent=2, allow_nan=False))

@@ -13,15 +13,15 @@ import tyro
 
 from coop_pin.base.errors import FieldError
 from coop_pin.cli.blame import blame
-from coop_pin.cli.check import check
+from coop_pin.cli.check import check, root_locus
 from coop_pin.cli.compare import compare
-from coop_pin.cli.conform import conform, zoo
+from coop_pin.cli.conform import conform
 from coop_pin.cli.export import export
 from coop_pin.cli.inspect import check_urdf, fields_of, list_all, new, show, suggest
-from coop_pin.cli.root_locus import root_locus
 from coop_pin.cli.run import run
 from coop_pin.cli.sweep import sweep, sweep_show, tune
 from coop_pin.cli.view import report, view
+from coop_pin.cli.zoo import zoo
 from coop_pin.compiled.engines import FORMER, engine_named
 
 COMMANDS: dict[str, Callable[..., int | None]] = {

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
+import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Any, Self
 
-from coop_pin.base.arrays import typed
+from pydantic import AfterValidator
+
+from coop_pin.base.arrays import require_type, typed
 from coop_pin.base.errors import FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.base.schema.base import Description, Name, Text
 from coop_pin.base.user_files import read_toml
+from coop_pin.description.scenario import Scenario
 from coop_pin.zoo.reproduction import Measured, Reproduction, Trace
 
 _FOLDER = Path(__file__).parent
+
+
+def _stated(text: str) -> str:
+    """Return a text that is not still to be written."""
+    if "TODO" in text:
+        raise FieldError(f"is {text!r}; write what the source states, or that it does not")
+    return text
+
+
+Stated = Annotated[Text, AfterValidator(_stated)]
+"""Text without the word TODO."""
 
 
 class Claim(Description):
@@ -28,10 +43,10 @@ class Claim(Description):
     """
 
     name: Name
-    text: Text
-    where: Text
-    theirs: Text
-    unjudged: Text = ""
+    text: Stated
+    where: Stated
+    theirs: Stated
+    unjudged: Stated = ""
 
 
 class Picture(Description):
@@ -44,9 +59,9 @@ class Picture(Description):
         log: Whether the vertical axis is logarithmic.
     """
 
-    x: Text
-    y: Text
-    caption: Text
+    x: Stated
+    y: Stated
+    caption: Stated
     log: bool = False
 
 
@@ -67,87 +82,102 @@ class Experiment(Description):
         chosen: Gaps of the source, each with what was chosen.
         deviations: Differences from the source, each with its cause.
         picture: Axes of its picture.
-        name: Name, that of its folder with hyphens.
+        folder: Folder of the file, with its scenarios and its code.
     """
 
-    kind: Text
-    title: Text
-    source: Text
-    had: Text
-    cell: Text
-    measures: Text
-    commands: Text
-    messages: Text
-    knows: Text
+    kind: Stated
+    title: Stated
+    source: Stated
+    had: Stated
+    cell: Stated
+    measures: Stated
+    commands: Stated
+    messages: Stated
+    knows: Stated
     claims: tuple[Claim, ...]
-    chosen: tuple[Text, ...]
-    deviations: tuple[Text, ...]
+    chosen: tuple[Stated, ...]
+    deviations: tuple[Stated, ...]
     picture: Picture
-    name: Name
+    folder: Path
 
     @classmethod
     def load(cls, file: Path) -> Self:
         """Return the experiment of an ``experiment.toml``.
 
         Raises:
-            FileReadError: the file is not TOML, or has mistakes.
+            FileReadError: the file is not TOML, or has mistakes, or still says TODO.
         """
         table = read_toml(file, kind="an experiment")
         try:
-            return cls(**table, name=file.parent.name.replace("_", "-"))
+            return cls(**table, folder=file.parent.resolve())
         except (FieldError, ScenarioError) as error:
             raise FileReadError(str(error), str(file)) from error
 
+    @property
+    def name(self) -> str:
+        """Name: that of its folder, with hyphens."""
+        return self.folder.name.replace("_", "-")
+
     def run(self, *, short: bool = False) -> Reproduction:
-        """Return its numbers and curves, by the function ``reproduce`` of its folder.
+        """Return its numbers and curves, by ``reproduce(cell, *, short)`` of its ``experiment.py``.
+
+        The cell is the scenario ``cell.toml`` of its folder, which is loaded at each call, as the code is.
 
         Args:
             short: run the short form, of the same code with fewer seconds, arms or draws.
 
         Raises:
-            FileReadError: its folder has no ``experiment.py``.
-            NameNotFoundError: a number names a claim that is not stated.
+            FileReadError: its folder has no ``experiment.py``, or that no such function.
+            NameNotFoundError: its folder has no ``cell.toml``, or a number names a claim that is not stated.
+            ScenarioError: the cell has mistakes.
+            WrongTypeError: the function returns something else than numbers and curves.
         """
-        file = _file(self.name).with_suffix(".py")
-        if not file.is_file():
-            raise FileReadError("is missing; it defines reproduce(*, short)", str(file))
-        module = importlib.import_module(f"{__package__}.{file.parent.name}.experiment")
-        return self.reproduction(*module.reproduce(short=short))
+        file = self.folder / "experiment.py"
+        spec: Any = importlib.util.spec_from_file_location(f"{self.folder.name}.experiment", file)
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+        if file.is_file():
+            spec.loader.exec_module(module)
+        if not hasattr(module, "reproduce"):
+            raise FileReadError("must define reproduce(cell, *, short)", str(file))
+        results = module.reproduce(Scenario.load(self.folder / "cell.toml"), short=short)
+        require_type("what reproduce returns", results, tuple)
+        return self.reproduction(*results)
 
     def reproduction(self, numbers: Sequence[Measured], curves: Sequence[Trace]) -> Reproduction:
         """Return numbers and curves of a run, beside the claims.
 
         Raises:
+            WrongTypeError: an entry is something else than a number with its claim.
             NameNotFoundError: a number names a claim that is not stated.
         """
         claims = {claim.name: claim.unjudged for claim in self.claims}
         for number in numbers:
+            require_type("a number", number, Measured)
             if number.claim not in claims:
                 raise NameNotFoundError("claim", number.claim, claims, f"experiment.toml of {self.name!r}")
         return Reproduction(self.name, claims, tuple(numbers), tuple(curves))
 
 
-def _file(name: str) -> Path:
-    """Return the file of an experiment, beside which its code lies."""
-    return _FOLDER / name.replace("-", "_") / "experiment.toml"
-
-
 def experiment_names() -> list[str]:
-    """Return the names of the experiments."""
+    """Return the names of the experiments that come with coop_pin."""
     return sorted(path.parent.name.replace("_", "-") for path in _FOLDER.glob("*/experiment.toml"))
 
 
 @typed
-def load_experiment(name: str) -> Experiment:
-    """Return an experiment.
+def load_experiment(name: str | Path) -> Experiment:
+    """Return an experiment of the zoo, or of a folder of one's own.
 
     Args:
-        name: one of ``experiment_names()``.
+        name: one of ``experiment_names()``, or a folder with ``experiment.toml``, ``cell.toml``
+            and ``experiment.py``.
 
     Raises:
-        NameNotFoundError: there is no experiment of that name.
-        FileReadError: its file is not TOML, or has mistakes.
+        NameNotFoundError: there is neither an experiment nor a folder of that name.
+        FileReadError: its file is missing, is not TOML, or has mistakes.
     """
-    if name not in experiment_names():
-        raise NameNotFoundError("experiment", name, experiment_names(), "the zoo")
-    return Experiment.load(_file(name))
+    known = experiment_names()
+    folder = _FOLDER / str(name).replace("-", "_") if name in known else Path(name)
+    if not folder.is_dir():
+        remedy = "the zoo, and no such folder (yours has experiment.toml, cell.toml and experiment.py)"
+        raise NameNotFoundError("experiment", str(name), known, remedy)
+    return Experiment.load(folder / "experiment.toml")

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import FieldError, FileReadError, NameNotFoundError
+from coop_pin.base.errors import FieldError, FileReadError, NameNotFoundError, WrongTypeError
 from coop_pin.cli import main
 from coop_pin.zoo import Claim, Experiment, Measured, Reproduction, experiment_names, load_experiment
 
@@ -122,13 +123,60 @@ def test_a_wrong_name_and_a_claim_without_its_source_are_refused():
         Claim(name="c", text="It moves.", theirs="no digit")
 
 
-def test_a_file_with_mistakes_and_missing_code_are_told_with_their_path(tmp_path):
+def test_a_file_with_mistakes_or_todo_and_missing_code_are_told_with_their_path(tmp_path):
     file = tmp_path / "experiment.toml"
-    file.write_text("kind = 'k'", "utf-8")
-    with pytest.raises(FileReadError, match=r"experiment\.toml: (.|\n)*claims: must be given"):
+    file.write_text("kind = 'TODO'", "utf-8")
+    with pytest.raises(FileReadError, match=r"experiment\.toml: (.|\n)*claims: must be given") as error:
         Experiment.load(file)
-    with pytest.raises(FileReadError, match=r"no_such.experiment\.py: is missing"):
-        load_experiment(QUICK).replace(name="no-such").run()
+    assert [word in str(error.value) for word in ("kind: is 'TODO'", "title: must be given")] == [True, True]
+    text = (FOLDER / "force_leader" / "experiment.toml").read_text("utf-8")
+    file.write_text(re.sub(r'^where = .*"$', 'where = "TODO: section"', text, flags=re.M), "utf-8")
+    with pytest.raises(FileReadError, match=r"claims\.2\.where: is 'TODO"):
+        load_experiment(tmp_path)
+    with pytest.raises(FileReadError, match=r"experiment\.py: must define reproduce"):
+        load_experiment(QUICK).replace(folder=tmp_path).run()
+    (tmp_path / "experiment.py").write_text("def reproduce(cell, *, short):\n    return [1.0], []\n", "utf-8")
+    with pytest.raises(NameNotFoundError, match=r"no scenario .*cell\.toml"):
+        load_experiment(QUICK).replace(folder=tmp_path).run()
+    shutil.copy(FOLDER / "object_impedance" / "cell.toml", tmp_path)
+    with pytest.raises(WrongTypeError, match="Measured"):
+        load_experiment(QUICK).replace(folder=tmp_path).run()
+
+
+def copied(folder, code=None):
+    """A folder outside the package with the quick experiment, or with its claims and other code."""
+    shutil.copytree(FOLDER / "force_leader", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(FOLDER / "puck.urdf", folder.parent)
+    if code is not None:
+        (folder / "experiment.py").write_text(code, "utf-8")
+    return folder
+
+
+STATED = """
+from coop_pin.zoo import Measured, Trace
+
+def reproduce(cell, *, short):
+    return [Measured("forces align by the object's motion alone", "angle", {angle}, "deg", most=10.0)], []
+"""
+
+
+def test_a_folder_anywhere_is_judged_and_loaded_anew(tmp_path, monkeypatch, capsys):
+    folder = copied(tmp_path / "kim.2020_paper", STATED.format(angle=9.0))
+    monkeypatch.chdir(tmp_path)
+    assert main(["zoo", "./kim.2020_paper", "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)
+    assert told["name"] == "kim.2020-paper"
+    assert list(told["verdicts"].values()) == ["holds", "cannot be judged", "cannot be judged"]
+    (folder / "experiment.py").write_text(STATED.format(angle=11.0), "utf-8")
+    assert load_experiment("kim.2020_paper").run().verdict(next(iter(told["verdicts"]))) == "does not hold"
+    assert main(["zoo", "kim_2020"]) == 2
+    assert "experiment.toml, cell.toml and experiment.py" in capsys.readouterr().err
+
+
+@pytest.mark.gate
+def test_a_copy_of_an_experiment_outside_the_package_has_its_numbers(tmp_path):
+    packaged = load_experiment(QUICK).run(short=True)
+    assert load_experiment(copied(tmp_path / QUICK)).run(short=True).to_json() == packaged.to_json()
 
 
 def test_a_number_of_no_claim_is_refused():

@@ -1,12 +1,10 @@
 """Commanded velocities and neighbours' wrenches: three mobile arms relieve the plate that they carry."""
 
-from pathlib import Path
 from typing import Any
 
 import coop_pin as cp
 from coop_pin.zoo.reproduction import Measured, Trace, off_squeeze
 
-CELL = Path(__file__).with_name("cell.toml")
 LINE = [["arm1", "arm2"], ["arm2", "arm1"], ["arm2", "arm3"], ["arm3", "arm2"]]
 BASES = {"arm1": (0.01, 0.0, 0.0), "arm2": (0.0, -0.01, 0.0), "arm3": (-0.005, 0.005, 0.01)}
 REDUCED = "local force sensors and neighbours reduce the interaction wrench"
@@ -23,22 +21,22 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-def residual(changes: dict[str, Any]) -> tuple[Any, Any]:
+def residual(cell: cp.Scenario, changes: dict[str, Any]) -> tuple[Any, Any]:
     """Return times, and the largest error of an arm's internal force, N."""
-    data = cp.run(CELL, changes, warn=False).data
+    data = cp.run(cell, changes, warn=False).data
     return data.time.values, off_squeeze(data)
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry the plate without wrenches, and with them over graphs, late, and with bases that are off."""
     length = {"duration": 1.0} if short else {}
-    time, alone = residual(length | {"sensors": {}, "network": None})
+    time, alone = residual(cell, length | {"sensors": {}, "network": None})
     last = time > time[-1] - 0.5
     numbers, curves = [], [Trace("no wrenches", time, alone, dashed=True)]
     for label, (claim, changes) in RUNS.items():
         if short and claim == LOCAL:  # 10 mm take longer than a second to let go
             continue
-        _, force = residual(length | changes)
+        _, force = residual(cell, length | changes)
         part = 100 * force[last].mean() / alone[last].mean()
         numbers.append(Measured(claim, f"{label}: part of no wrenches", part, "%", most=10.0))
         if claim == LOCAL:

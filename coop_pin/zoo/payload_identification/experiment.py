@@ -1,6 +1,5 @@
 """Identification of payload and grasps by least squares on twists, their derivatives and wrenches."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import coop_pin as cp
 from coop_pin.base.arrays import Array
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 GRASPS, MASS = "places of the grasps follow from twists", "mass and centre follow from wrenches"
 INERTIA = "the inertia follows from wrenches"
 
@@ -47,11 +45,11 @@ def regression(data: Any, wrenches: str, samples: slice) -> tuple[Array, Array, 
     return theta, np.array(places) - true[:-1], true[-1]
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Shake the plate, and fit exact wrenches and noisy ones, over ever more seconds."""
     duration, loose = (4.0, 5.0) if short else (10.0, 1.0)
-    data = cp.run(CELL.override({"duration": duration}), warn=False).data
-    numbers, load, ends = [], CELL.cell.payload, np.linspace(0.4, 1.0, 10) * (len(data.time) - 200)
+    data = cp.run(cell.override({"duration": duration}), warn=False).data
+    numbers, load, ends = [], cell.cell.payload, np.linspace(0.4, 1.0, 10) * (len(data.time) - 200)
     errors: dict[str, Any] = {"mass": [], "inertia": []}
     for label, end in [("exact", ends[-1]), *(("noisy", end) for end in ends)]:
         wrenches = "measured_wrench" if label == "noisy" else "interaction_wrench"

@@ -1,6 +1,5 @@
 """Slip-aware squeeze: palms press harder as the crate slides, by a slip sensor that may be late."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import numpy as np
 import coop_pin as cp
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 HALTS, KEPT = "slip is halted by more internal force", "the wrench on the object is preserved"
 TENS = "some tens of milliseconds suffice"
 
@@ -29,17 +27,17 @@ class SlipAware(cp.ArmController):
         return self.law.step(measurement, reference._replace(internal_wrench=squeeze), state)
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Push the crate down: the squeeze stays, follows the slip at once, or 40 ms late."""
     numbers, curves, seconds = [], [], 0.35 if short else 0.8
     for label in ("fixed squeeze", "at once") if short else ("fixed squeeze", "at once", "40 ms late"):
         delay = "40 ms" if "late" in label else 0
-        cell = CELL.override(
+        pushed = cell.override(
             {"duration": seconds, "events.0.duration": seconds - 0.1, "sensors.slip.delay": delay}
         )
-        laws = cp.laws.build_controller(cell).controllers
+        laws = cp.laws.build_controller(pushed).controllers
         wrapped = {arm: law if "fixed" in label else SlipAware(law) for arm, law in laws.items()}
-        run = cp.simulate(cell, cp.laws.DecentralisedController(wrapped))
+        run = cp.simulate(pushed, cp.laws.DecentralisedController(wrapped))
         time, slip, F = (run.data[name].values for name in ("time", "patch_slip", "interaction_wrench"))
         worst, dropped = 1e3 * slip.max(axis=1), run.metrics()["dropped_at_s"]
         curves.append(
