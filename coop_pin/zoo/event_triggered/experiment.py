@@ -34,10 +34,10 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         curves.append(Trace(f"{rate:g} Hz", time, 1e-3 * sent, dashed=True))
         if error_r.max() <= 1.1 * error_0.max() and force_r <= 1.1 * force_0:
             fewest = sent[-1]
-    slowest = Measured(FEWER, "over those of the slowest rate as precise", upon[-1] / fewest, "", most=1.0)
+    slowest = Measured(FEWER, "over those of the slowest rate as precise", upon[-1] / fewest)
     return [
-        Measured(FEWER, "bytes, part of those at every tick", part, "%", most=50.0),
+        Measured(FEWER, "bytes, part of those at every tick", part, "%"),
         *(() if short else (slowest,)),
-        Measured(PRECISE, "largest position error over every tick's", worst, "", most=1.1),
-        Measured(PRECISE, "internal-force error over every tick's", force / force_0, "", most=1.1),
+        Measured(PRECISE, "largest position error over every tick's", worst),
+        Measured(PRECISE, "internal-force error over every tick's", force / force_0),
     ], curves
