@@ -100,7 +100,7 @@ def methods() -> str:
         for one in (cp.zoo.load_experiment(name),)
     ]
     return markdown(
-        ("kind", "each arm measures", "commands", "messages", "is told", "claims 1, 2, 3"), sorted(rows)
+        ("kind", "each arm measures", "commands", "messages", "is told", "verdicts, by claims"), sorted(rows)
     )
 
 

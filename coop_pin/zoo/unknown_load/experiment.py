@@ -53,22 +53,23 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     curves, last, agents = [], {}, [Agent(adapts=True) for _ in range(robots)]
     for label, laws in {"adapts": agents, "does not adapt": [Agent(adapts=False)] * robots}.items():
         data = ring(CELL, laws, grasps | {"duration": seconds})
-        t, off, turn = data.time.values, off_path(data), data.pose_error.values[:, 5]
+        t, off, turn = data.time.values, off_path(data), np.degrees(data.pose_error.values[:, 5])
         early, late = t < seconds / 4, t > 0.75 * seconds
         force = np.linalg.norm(data.torque.values[..., :2], axis=-1).max(axis=1)
         rms = [float(np.sqrt((x[late] ** 2).mean())) for x in (off, turn)]
-        last[label] = np.array([*rms, force[late].max() / force[early].max()])
+        last[label] = *rms, force[late].max() / force[early].max()
         curves.append(Trace(label, t, 1e3 * off))
-    theta = np.array([agent.kept for agent in agents])
-    share, around, mass = 100 * last["adapts"] / last["does not adapt"], sum(radii**2), 10.0 + 1.02 * robots
-    whole = [mass, 2.4 + 1.02 * around, 4.0 * robots, 4.0 * around, radii.max(), radii.max()]
+    theta, mass = np.array([agent.kept for agent in agents]), 10.0 + 1.02 * robots
+    (off, turn, forces), (alone, untold, _) = last["adapts"], last["does not adapt"]
+    whole = [mass, 2.4 + 1.02 * sum(radii**2), 4.0 * robots, 4.0 * sum(radii**2), max(radii), max(radii)]
     wrong = np.linalg.norm(theta[:, -1, 4:] - places, axis=1) / radii
     bias = abs(theta[:, -1, 0].sum() / mass - 1)
     most, largest = 50.0 if short else 5.0, (np.abs(theta) / whole).max()
     return [
-        Measured(FOLLOWS, "rms off at last, of that without adapting", share[0], "%", most=most),
-        Measured(FOLLOWS, "the same of the turn", share[1], "%", most=most),
-        Measured(BOUNDED, "largest force at last over that at first", last["adapts"][2], "", most=1.0),
+        Measured(FOLLOWS, "rms off at last, of that without adapting", 100 * off / alone, "%", most=most),
+        Measured(FOLLOWS, "rms turn off at last, from 11 deg", turn, "deg"),
+        Measured(FOLLOWS, "the same without adapting", untold, "deg"),
+        Measured(BOUNDED, "largest force at last over that at first", forces, "", most=1.0),
         Measured(BOUNDED, "largest estimate ever over the whole's", largest, "", most=1.0),
         Measured(APART, "worst place, off by a share of its radius", 100 * wrong.max(), "%", least=10.0),
         Measured(APART, "masses added up, off by", 100 * bias, "%"),
