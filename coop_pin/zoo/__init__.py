@@ -3,11 +3,11 @@
 Open first: ``object_impedance/experiment`` (a whole experiment), ``experiment`` (what a source states and
 what it leaves open, as ``experiment.toml`` has it), ``reproduction`` (numbers of a run, verdicts, table).
 
-- A folder is an experiment: ``experiment.toml``, scenarios, and a function in at most 60 lines.
+- A folder is an experiment: ``experiment.toml``, ``cell.toml``, and a function in at most 60 lines.
 - Experiments are written as a user writes them, with ``import coop_pin as cp``; nothing else imports them.
 - ``tools/zoo.py`` runs them and writes the pages in ``docs/zoo``.
 
-Imports ``base``.
+Imports ``base`` and ``description``.
 """
 
 from coop_pin import lazy_names

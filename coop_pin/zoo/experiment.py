@@ -14,6 +14,7 @@ from coop_pin.base.arrays import require_type, typed
 from coop_pin.base.errors import FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.base.schema.base import Description, Name, Text
 from coop_pin.base.user_files import read_toml
+from coop_pin.description.scenario import Scenario
 from coop_pin.zoo.reproduction import Measured, Reproduction, Trace
 
 _FOLDER = Path(__file__).parent
@@ -118,17 +119,18 @@ class Experiment(Description):
         return self.folder.name.replace("_", "-")
 
     def run(self, *, short: bool = False) -> Reproduction:
-        """Return its numbers and curves, by the function ``reproduce`` of its folder.
+        """Return its numbers and curves, by ``reproduce(cell, *, short)`` of its ``experiment.py``.
 
-        The file is loaded at each call.
+        The cell is the scenario ``cell.toml`` of its folder, which is loaded at each call, as the code is.
 
         Args:
             short: run the short form, of the same code with fewer seconds, arms or draws.
 
         Raises:
             FileReadError: its folder has no ``experiment.py``, or that no such function.
+            NameNotFoundError: its folder has no ``cell.toml``, or a number names a claim that is not stated.
+            ScenarioError: the cell has mistakes.
             WrongTypeError: the function returns something else than numbers and curves.
-            NameNotFoundError: a number names a claim that is not stated.
         """
         file = self.folder / "experiment.py"
         spec: Any = importlib.util.spec_from_file_location(f"{self.folder.name}.experiment", file)
@@ -136,8 +138,8 @@ class Experiment(Description):
         if file.is_file():
             spec.loader.exec_module(module)
         if not hasattr(module, "reproduce"):
-            raise FileReadError("must define reproduce(*, short)", str(file))
-        results = module.reproduce(short=short)
+            raise FileReadError("must define reproduce(cell, *, short)", str(file))
+        results = module.reproduce(Scenario.load(self.folder / "cell.toml"), short=short)
         require_type("what reproduce returns", results, tuple)
         return self.reproduction(*results)
 
@@ -166,8 +168,8 @@ def load_experiment(name: str | Path) -> Experiment:
     """Return an experiment of the zoo, or of a folder of one's own.
 
     Args:
-        name: one of ``experiment_names()``, or a folder with ``experiment.toml``, scenarios and
-            ``experiment.py``.
+        name: one of ``experiment_names()``, or a folder with ``experiment.toml``, ``cell.toml``
+            and ``experiment.py``.
 
     Raises:
         NameNotFoundError: there is neither an experiment nor a folder of that name.
@@ -176,6 +178,6 @@ def load_experiment(name: str | Path) -> Experiment:
     known = experiment_names()
     folder = _FOLDER / str(name).replace("-", "_") if name in known else Path(name)
     if not folder.is_dir():
-        remedy = "the zoo, and no such folder (yours has experiment.toml and experiment.py)"
+        remedy = "the zoo, and no such folder (yours has experiment.toml, cell.toml and experiment.py)"
         raise NameNotFoundError("experiment", str(name), known, remedy)
     return Experiment.load(folder / "experiment.toml")

@@ -177,7 +177,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "xarray",
         },
     ),
-    "zoo": (set(), {"pinocchio", "scipy"}),
+    "zoo": ({"description"}, {"pinocchio", "pydantic", "scipy"}),
     "cli": (
         {
             "comparison",

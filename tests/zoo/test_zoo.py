@@ -135,7 +135,10 @@ def test_a_file_with_mistakes_or_todo_and_missing_code_are_told_with_their_path(
         load_experiment(tmp_path)
     with pytest.raises(FileReadError, match=r"experiment\.py: must define reproduce"):
         load_experiment(QUICK).replace(folder=tmp_path).run()
-    (tmp_path / "experiment.py").write_text("def reproduce(*, short):\n    return [1.0], []\n", "utf-8")
+    (tmp_path / "experiment.py").write_text("def reproduce(cell, *, short):\n    return [1.0], []\n", "utf-8")
+    with pytest.raises(NameNotFoundError, match=r"no scenario .*cell\.toml"):
+        load_experiment(QUICK).replace(folder=tmp_path).run()
+    shutil.copy(FOLDER / "object_impedance" / "cell.toml", tmp_path)
     with pytest.raises(WrongTypeError, match="Measured"):
         load_experiment(QUICK).replace(folder=tmp_path).run()
 
@@ -152,7 +155,7 @@ def copied(folder, code=None):
 STATED = """
 from coop_pin.zoo import Measured, Trace
 
-def reproduce(*, short):
+def reproduce(cell, *, short):
     return [Measured("forces align by the object's motion alone", "angle", {angle}, "deg", most=10.0)], []
 """
 
@@ -167,7 +170,7 @@ def test_a_folder_anywhere_is_judged_and_loaded_anew(tmp_path, monkeypatch, caps
     (folder / "experiment.py").write_text(STATED.format(angle=11.0), "utf-8")
     assert load_experiment("kim.2020_paper").run().verdict(next(iter(told["verdicts"]))) == "does not hold"
     assert main(["zoo", "kim_2020"]) == 2
-    assert "experiment.toml and experiment.py" in capsys.readouterr().err
+    assert "experiment.toml, cell.toml and experiment.py" in capsys.readouterr().err
 
 
 @pytest.mark.gate

@@ -1,6 +1,5 @@
 """Event-triggered messages: two arms tell each other what changed, and hold a box as if they told all."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,28 +8,27 @@ import coop_pin as cp
 from coop_pin.base.arrays import Array
 from coop_pin.zoo.reproduction import Measured, Trace, off_path
 
-CELL = Path(__file__).with_name("cell.toml")
 RATES = (250.0, 125.0, 62.5)
 FEWER = "events need less communication than messages at a rate"
 PRECISE = "the formation is held as precisely"
 
 
-def carried(changes: dict[str, Any]) -> tuple[Array, Array, Array, float]:
+def carried(cell: cp.Scenario, changes: dict[str, Any]) -> tuple[Array, Array, Array, float]:
     """Return times, bytes sent by then, position error, m, and rms error of the internal force, N."""
-    data = cp.run(CELL, changes, warn=False).data
+    data = cp.run(cell, changes, warn=False).data
     off = np.hypot(data.internal_axial_error.values, data.internal_shear_error.values)
     sent = data.bytes_sent.values.sum(axis=1)
     return data.time.values, sent, off_path(data), float(np.sqrt(np.mean(off**2)))
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry the box with messages upon events, at every tick, and at lower rates."""
-    time, upon, error, force = carried({})
-    _, every, error_0, force_0 = carried({"network": {}})
+    time, upon, error, force = carried(cell, {})
+    _, every, error_0, force_0 = carried(cell, {"network": {}})
     curves = [Trace("events", time, 1e-3 * upon), Trace("every tick", time, 1e-3 * every)]
     fewest, part, worst = every[-1], 100 * upon[-1] / every[-1], error.max() / error_0.max()
     for rate in () if short else RATES:
-        _, sent, error_r, force_r = carried({"network": {"rate_hz": rate}})
+        _, sent, error_r, force_r = carried(cell, {"network": {"rate_hz": rate}})
         curves.append(Trace(f"{rate:g} Hz", time, 1e-3 * sent, dashed=True))
         if error_r.max() <= 1.1 * error_0.max() and force_r <= 1.1 * force_0:
             fewest = sent[-1]

@@ -1,6 +1,5 @@
-"""Leader and followers by force alone: the object's motion tells each robot the sum of all forces."""
+"""Leader and followers by motion alone: the object's motion tells each robot the sum of all forces."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 import coop_pin as cp
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL, K, GOAL = cp.Scenario.load(Path(__file__).with_name("cell.toml")), 0.5, (2.0, 1.0)
+K, GOAL = 0.5, (2.0, 1.0)
 ALIGN, GROWS = "forces align by the object's motion alone", "the rate grows in proportion to the robots"
 STEERS = "a small force of a leader steers the group"
 
@@ -16,8 +15,10 @@ STEERS = "a small force of a leader steers the group"
 class ForceFollower(cp.ArmController):
     """F <- F + T k (M vdot + b v - N F), by the object's motion; a leader's F is bounded PD to the goal."""
 
-    def __init__(self, robots: int, force: Any = (0.0, 0.0), k: float = K, *, leads: bool = False) -> None:
-        self.robots, self.force, self.k, self.leads = robots, np.array(force), k, leads
+    def __init__(
+        self, T: float, N: int, force: Any = (0.0, 0.0), *, k: float = K, leads: bool = False
+    ) -> None:
+        self.T, self.N, self.force, self.k, self.leads = T, N, np.array(force), k, leads
 
     def init(self, measurement: Any, reference: Any) -> Any:
         """Return the force and the velocity before."""
@@ -25,7 +26,7 @@ class ForceFollower(cp.ArmController):
 
     def step(self, measurement: Any, reference: Any, state: Any) -> Any:
         """Return the forces of the slides."""
-        (force, before), v, N, T = state, measurement.payload_twist[:2], self.robots, CELL.clock.period
+        (force, before), v, N, T = state, measurement.payload_twist[:2], self.N, self.T
         if self.leads:
             force = np.clip(GOAL - measurement.payload_pose[:2, 3] - 2.0 * v, -2.0, 2.0)
         elif measurement.time > 0.0:
@@ -43,12 +44,12 @@ def ring(cell: Any, laws: list[Any], changes: dict[str, Any]) -> Any:
     return cp.simulate(cell.override(parts | changes), law).data
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Let forces align in rings of robots, then let one robot lead three, and push alone."""
-    numbers, curves, rng = [], [], np.random.default_rng(0)
+    numbers, curves, rng, T = [], [], np.random.default_rng(0), cell.clock.period
     for n in (4, 8) if short else (4, 8, 16):
-        laws, rate = [ForceFollower(n, force) for force in rng.normal(0.0, 5.0, (n, 2))], n * K
-        data = ring(CELL, laws, {"duration": 4.0 / rate})
+        laws, rate = [ForceFollower(T, n, force) for force in rng.normal(0.0, 5.0, (n, 2))], n * K
+        data = ring(cell, laws, {"duration": 4.0 / rate})
         t, F = data.time.values, data.torque.values[..., :2]
         mean = F.mean(axis=1, keepdims=True)
         apart = np.linalg.norm(F - mean, axis=-1)
@@ -64,7 +65,7 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         curves += [Trace(f"{n} robots", t, y), Trace(f"exp(-{rate:g} t)", t, np.exp(-rate * t), dashed=True)]
     seconds, most = (12.0, 0.5) if short else (30.0, 0.05)
     for label, k, limits in (("with three", K, (3.6, 4.0)), ("alone", 0.0, ())):
-        data = ring(CELL, [ForceFollower(4, k=k, leads=not i) for i in range(4)], {"duration": seconds})
+        data = ring(cell, [ForceFollower(T, 4, k=k, leads=not i) for i in range(4)], {"duration": seconds})
         F, left = data.torque.values[..., :2].sum(axis=0), data.payload_position.values[-1, :2] - GOAL
         gain, bound = np.linalg.norm(F.sum(axis=0)) / np.linalg.norm(F[0]), most if limits else np.inf
         numbers += [

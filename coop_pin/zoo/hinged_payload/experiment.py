@@ -1,6 +1,5 @@
 """Hinged payload: two arms turn a gate, a bar and a box as hinges let them, without moment about the axis."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ import coop_pin as cp
 from coop_pin.base.arrays import Array
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 FREE, APART = "the object moves along what the hinge leaves free", "no internal moment about the axis"
 LEVEL = {"xyz": [0.0, 0.0, 0.4]}
 TIPPED = {"start": LEVEL, "goal": LEVEL | {"rpy": [0.0, 0.2, 0.0]}, "start_time": 0.5, "duration": 2.0}
@@ -28,19 +26,19 @@ def about(data: Any, points: Array, axis: tuple[float, ...]) -> Array:
     return np.einsum("tij,tj->ti", F[..., 3:] + np.cross(P - points, F[..., :3]), turned)
 
 
-def gate(seconds: float) -> tuple[Array, Array, float]:
+def gate(cell: cp.Scenario, seconds: float) -> tuple[Array, Array, float]:
     """Return times, and moments of both hands about the hinge, and the largest turn off the path, degrees."""
     changes = {"motion.duration": seconds, "duration": seconds + 2.0}
-    data = cp.run(CELL.override(changes), warn=False).data
+    data = cp.run(cell.override(changes), warn=False).data
     off = np.degrees(np.linalg.norm(data.pose_error.values[:, 3:], axis=1).max())
-    return data.time.values, about(data, np.array(CELL.motion.centre), (0.0, 0.0, 1.0)), float(off)
+    return data.time.values, about(data, np.array(cell.motion.centre), (0.0, 0.0, 1.0)), float(off)
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Turn a gate slowly and fast; turn a bar and a box on pins, and with rigid grasps."""
     numbers, curves = [], []
     for seconds in (3.0,) if short else (7.0, 3.0):
-        time, moments, off = gate(seconds)
+        time, moments, off = gate(cell, seconds)
         turning, apart = np.abs(moments.sum(1)), np.abs(moments[:, 0] - moments[:, 1]) / 2
         label = f"gate in {seconds:g} s"
         part = 100 * apart.max() / turning.max()
@@ -56,8 +54,8 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     for label, (name, changes, axis) in list(PINS.items())[: 1 if short else 2]:
         base = cp.Scenario.load(name).override(changes)
         rigid = {arm: {"xyz": grasp.xyz, "rpy": grasp.rpy} for arm, grasp in base.cell.grasps.items()}
-        for grasps, cell in {"pins": base, "rigid": base.override({"cell.grasps": rigid})}.items():
-            data = cp.run(cell, warn=False).data
+        for grasps, held in {"pins": base, "rigid": base.override({"cell.grasps": rigid})}.items():
+            data = cp.run(held, warn=False).data
             moment = np.abs(about(data, data.tip_position.values, axis)).max()
             numbers.append(Measured(APART, f"{label}, {grasps}: moment about an axis", moment, "N m"))
             if grasps == "pins":

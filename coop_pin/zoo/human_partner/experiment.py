@@ -1,6 +1,5 @@
 """Human partner: arms that feel only their own wrists follow a person who leads the box at a handle."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import numpy as np
 import coop_pin as cp
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 DECIDES, BEAR = "the person decides the path", "the robots bear the load"
 ALONE = "the robots need no messages"
 WAITS = 0.5
@@ -20,9 +18,9 @@ class Follower(cp.ArmController):
 
     command_kind = "velocity"
 
-    def __init__(self, damping: float, mass: float = 4.0) -> None:
+    def __init__(self, damping: float, period: float, mass: float = 4.0) -> None:
         rows = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
-        self.decay, self.damping = np.exp(-damping / mass * CELL.clock.period), damping * rows
+        self.decay, self.damping = np.exp(-damping / mass * period), damping * rows
 
     def init(self, measurement: Any, reference: Any) -> Any:
         """Return velocity, sum of wrenches and their number."""
@@ -47,15 +45,17 @@ RUNS: dict[str, tuple[float, Any]] = {
 }
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Lead the box with arms that yield, that feel without noise, and that hold."""
-    numbers, curves, seconds, weight = [], [], 3.5 if short else 6.0, 9.81 * CELL.cell.payload.mass
-    hand, start = CELL.events[0].motion, np.array(CELL.start.xyz)
+    numbers, curves, seconds, weight = [], [], 3.5 if short else 6.0, 9.81 * cell.cell.payload.mass
+    hand, start = cell.events[0].motion, np.array(cell.start.xyz)
     for label in list(RUNS)[: 1 if short else 3]:
         damping, changes = RUNS[label]
-        cell = CELL.override(changes | {"duration": seconds, "events.0.duration": seconds - WAITS})
-        law = cp.laws.DecentralisedController({arm: Follower(damping) for arm in cell.cell.arms})
-        data = cp.simulate(cell, law).data
+        led = cell.override(changes | {"duration": seconds, "events.0.duration": seconds - WAITS})
+        law = cp.laws.DecentralisedController(
+            {arm: Follower(damping, cell.clock.period) for arm in cell.cell.arms}
+        )
+        data = cp.simulate(led, law).data
         way = np.linalg.norm(data.payload_position.values - start, axis=1)
         curves.append(Trace(f"arms that {label}", data.time.values, 1e3 * way))
         done = 100.0 * way[-1] / np.linalg.norm(np.array(hand.goal.xyz) - start)
@@ -70,5 +70,5 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
                 Measured(BEAR, f"arms {label}: person sideways", aside, "% weight", most=50.0),
                 Measured(ALONE, f"arms {label}: internal force", apart, "% weight", most=10.0),
             ]
-    led = [1e3 * np.linalg.norm(hand.at(t).X_WP_d[:3, 3] - start) for t in curves[0].x]
-    return numbers, [*curves, Trace("the person's hand", curves[0].x, np.array(led), dashed=True)]
+    path = [1e3 * np.linalg.norm(hand.at(t).X_WP_d[:3, 3] - start) for t in curves[0].x]
+    return numbers, [*curves, Trace("the person's hand", curves[0].x, np.array(path), dashed=True)]

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 import coop_pin as cp
 from coop_pin.base.arrays import Array
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL, MASS = Path(__file__).with_name("cell.toml"), 19.9
+MASS = 19.9
 WITHIN = "each arm stays within its capacity"
 FOLLOWED = "capacities that change are followed"
 UNNOTICED = "the object does not notice"
@@ -38,13 +36,13 @@ def by_shares(start: cp.Scenario) -> dict[str, cp.Scenario]:
     }
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry half of the load by each kind of shares, then all of it."""
     ends = {"duration": 1.2, "motion.duration": 0.6} if short else {}
     numbers, curves, used, paths = [], [], {}, {}
     for load in (0.5, 1.0):
         box = {"cell.payload": {"kind": "box", "mass": load * MASS, "size": [0.2, 0.2, 0.2]}}
-        for label, scenario in by_shares(cp.Scenario.load(CELL, ends | box)).items():
+        for label, scenario in by_shares(cell.override(ends | box)).items():
             data = cp.run(scenario, warn=False).data
             part = 100 * (np.abs(data.commanded_torque) / data.torque_limit).max(("arm", "joint"))
             used[label, load], paths[label, load] = part.max().item(), 1e3 * data.payload_position.values

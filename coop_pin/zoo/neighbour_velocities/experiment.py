@@ -1,6 +1,5 @@
 """Commanded velocities and neighbours' wrenches: three mobile arms relieve the plate that they carry."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import numpy as np
 import coop_pin as cp
 from coop_pin.zoo.reproduction import Measured, Trace, off_squeeze
 
-CELL = Path(__file__).with_name("cell.toml")
 LINE = [["arm1", "arm2"], ["arm2", "arm1"], ["arm2", "arm3"], ["arm3", "arm2"]]
 BASES = {"arm1": (0.01, 0.0, 0.0), "arm2": (0.0, -0.01, 0.0), "arm3": (-0.005, 0.005, 0.01)}
 REDUCED = "local force sensors and neighbours reduce the interaction wrench"
@@ -26,24 +24,24 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
-def residual(changes: dict[str, Any]) -> tuple[Any, Any]:
+def residual(cell: cp.Scenario, changes: dict[str, Any]) -> tuple[Any, Any]:
     """Return times, and the largest error of an arm's internal force, N."""
-    data = cp.run(CELL, changes, warn=False).data
+    data = cp.run(cell, changes, warn=False).data
     return data.time.values, off_squeeze(data)
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry the plate without wrenches, and with them over graphs, late, and with bases that are off."""
     length = {"duration": 1.0} if short else {}
-    time, alone = residual(length | MUTE)
+    time, alone = residual(cell, length | MUTE)
     last = time > time[-1] - 0.5
     numbers, curves = [], [Trace("no wrenches", time, alone, dashed=True)]
     for label, (claim, changes) in RUNS.items():
         if short and claim == LOCAL:  # 10 mm take longer than a second to let go
             continue
-        force, reference = residual(length | changes)[1], alone
+        force, reference = residual(cell, length | changes)[1], alone
         if claim == LOCAL:
-            reference = residual(changes | MUTE)[1]
+            reference = residual(cell, changes | MUTE)[1]
             curves.append(Trace(f"no wrenches, {label}", time, reference, dashed=True))
         part, most = 100 * force[last].mean() / reference[last].mean(), np.inf if claim == LOCAL else 10.0
         numbers.append(Measured(claim, f"{label}: part of no wrenches", part, "%", most=most))

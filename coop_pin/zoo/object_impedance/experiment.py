@@ -1,6 +1,5 @@
 """Object impedance: a step of force moves the held box as the stated mass, damper and spring."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,6 @@ import coop_pin as cp
 from coop_pin.base.arrays import Array
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL = Path(__file__).with_name("cell.toml")
 M, D, K, F, PUSH = 20.0, 200.0, 2000.0, 20.0, 0.5
 WRONG: dict[str, dict[str, Any]] = {
     "masses told 1.5 times": {"controller.model.mass": 1.5},
@@ -31,12 +29,12 @@ def closed_form(time: Array) -> Array:
     return F / K * (1 - np.exp(-decay * s) * (np.cos(rate * s) + decay / rate * np.sin(rate * s)))
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Push the box, with an exact model and with wrong ones."""
     numbers, curves = [], []
     for label, changes in {"exact model": {}, **({} if short else WRONG)}.items():
         duration = {"duration": 1.3, "events.0.duration": 0.8} if short else {}
-        data = cp.run(cp.Scenario.load(CELL, duration | changes), warn=False).data
+        data = cp.run(cell, duration | changes, warn=False).data
         time = data.time.values - PUSH
         x = data.payload_position.values[:, 0] - data.payload_position.values[0, 0]
         off = 100 * np.abs(x - closed_form(time)).max() / (F / K)

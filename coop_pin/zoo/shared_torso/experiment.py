@@ -1,6 +1,5 @@
 """Shared torso: two arms carry a tray along its path while the torso under both of them rises."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import numpy as np
 import coop_pin as cp
 from coop_pin.zoo.reproduction import Measured, Trace, off_path, off_squeeze
 
-CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 ABSOLUTE, HELD = "absolute and relative motion describe the task", "the held object's constraint is kept"
 RUNS: dict[str, dict[str, Any]] = {
     "torso rises": {},
@@ -17,11 +15,11 @@ RUNS: dict[str, dict[str, Any]] = {
 }
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry the tray with a torso that rises, one that stands, and one of which an arm is told late."""
     numbers, curves = [], []
     for label in list(RUNS)[: 1 if short else 3]:
-        run = cp.run(CELL.override(RUNS[label] | {"duration": 1.5 if short else 4.5}), warn=False)
+        run = cp.run(cell.override(RUNS[label] | {"duration": 1.5 if short else 4.5}), warn=False)
         begun = run.data.time.values >= 0.5  # the motion; the squeeze is taken up before
         off, force = 1e3 * off_path(run.data)[begun].max(), off_squeeze(run.data)[begun]
         curves.append(Trace(label, run.data.time.values[begun], force))

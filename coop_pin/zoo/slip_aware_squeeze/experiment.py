@@ -1,6 +1,5 @@
 """Slip-aware squeeze: palms press harder as the crate slides, by a slip sensor that may be late."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,6 @@ import numpy as np
 import coop_pin as cp
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 HALTS, KEPT = "slip is halted by more internal force", "the wrench on the object is preserved"
 LATE = "delays as theirs are borne"
 RUNS = {"fixed squeeze": 0, "at once": 0, "40 ms late": "40 ms", "130 ms late": "130 ms", "left arm alone": 0}
@@ -31,15 +29,15 @@ class SlipAware(cp.ArmController):
         return self.law.step(measurement, reference._replace(internal_wrench=squeeze), state)
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Push the crate down: the squeeze stays, follows the slip at once or late, or by the left arm alone."""
     numbers, curves, seconds = [], [], 0.35 if short else 0.8
     for label, delay in list(RUNS.items())[: 2 if short else None]:
         changes = {"duration": seconds, "events.0.duration": seconds - 0.1, "sensors.slip.delay": delay}
-        laws = cp.laws.build_controller(cell := CELL.override(changes)).controllers
+        laws = cp.laws.build_controller(pushed := cell.override(changes)).controllers
         follow = {"fixed squeeze": (), "left arm alone": ("left",)}.get(label, tuple(laws))
         wrapped = {arm: SlipAware(law) if arm in follow else law for arm, law in laws.items()}
-        run = cp.simulate(cell, cp.laws.DecentralisedController(wrapped))
+        run = cp.simulate(pushed, cp.laws.DecentralisedController(wrapped))
         dropped = run.metrics()["dropped_at_s"]
         data = run.data.sel(time=slice(0.0, dropped if dropped > 0 else None))
         time, worst = data.time.values, 1e3 * data.patch_slip.values.max(axis=1)

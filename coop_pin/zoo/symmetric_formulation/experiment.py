@@ -9,7 +9,6 @@ import coop_pin as cp
 from coop_pin.base.arrays import Array
 from coop_pin.zoo.reproduction import Measured, Trace
 
-CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 SPACE = cp.Scenario.load(Path(__file__).with_name("space.toml"))
 APART = "absolute and relative errors converge apart"
 BIASED = "a bias goes into the relative error"
@@ -50,11 +49,11 @@ def biased(name: str, rho: float | None) -> tuple[float, float]:
     return float(np.linalg.norm(off)), 0.5 * gains.sliding_gain[0] * gains.pose_gain * 0.5e-3
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Push one of two robots at different things with three relative gains; hold one thing with a bias."""
     numbers, curves = [], []
     for rho in (0.25,) if short else (0.25, 1.0, 4.0):
-        for label, time, error, rate in pushed(CELL, rho, 0, 0.1):
+        for label, time, error, rate in pushed(cell, rho, 0, 0.1):
             ratio = rate / designed(LAMBDA * (rho if label == "relative" else 1.0))
             numbers.append(Measured(APART, f"rho {rho:g}: {label} rate over designed", ratio, "", 0.95, 1.05))
             if label == "relative" or rho == 1.0:

@@ -1,6 +1,5 @@
 """Unknown load without messages: each robot adapts its own estimates of load, friction and its own place."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ from coop_pin.base.arrays import Array
 from coop_pin.zoo.force_leader.experiment import ring
 from coop_pin.zoo.reproduction import Measured, Trace, off_path
 
-CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
 FOLLOWS, BOUNDED = "the object follows its path", "all signals stay bounded"
 APART = "estimates need not become true"
 K_D = np.array([25.0, 25.0, 10.0])
@@ -20,8 +18,8 @@ GAINS = np.array([60.0, 15.0, 15.0, 3.0, 0.06, 0.06])  # of mass, inertia, two f
 class Agent(cp.ArmController):
     """F = Y theta - K_d s, s = V - V_r, V_r = V_d - xtilde, at an estimated place; theta' = -G Y^T s."""
 
-    def __init__(self, *, adapts: bool) -> None:
-        self.gains, self.rows = GAINS * adapts, CELL.cell.task_rows
+    def __init__(self, cell: cp.Scenario, *, adapts: bool) -> None:
+        self.gains, self.cell = GAINS * adapts, cell
         self.kept: list[Array] = []
 
     def init(self, measurement: Any, reference: Any) -> Any:
@@ -30,7 +28,7 @@ class Agent(cp.ArmController):
 
     def step(self, measurement: Any, reference: Any, state: Any) -> Any:
         """Return force and moment at the robot; the estimates are also kept, to be read after the run."""
-        V_r = reference.twist - self.rows.pose_error(measurement.payload_pose, reference.pose)
+        V_r = reference.twist - self.cell.cell.task_rows.pose_error(measurement.payload_pose, reference.pose)
         s, a = (
             measurement.payload_twist - V_r,
             reference.acceleration - measurement.payload_twist + reference.twist,
@@ -40,19 +38,19 @@ class Agent(cp.ArmController):
         lever = R.T @ np.array([-F[1], F[0]])  # moment of the force about P for a unit of each place, negated
         torque = np.array([F[0], F[1], F[2] + lever @ state[4:]])
         rates = -self.gains * np.concatenate([Y.T @ s, lever * s[2]])
-        self.kept.append(state + CELL.clock.period * rates)
+        self.kept.append(state + self.cell.clock.period * rates)
         return cp.ArmCommand(torque, self.kept[-1])
 
 
-def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Carry the object around a circle, with adaptation and without."""
     robots, seconds, rng = *((4, 12.0) if short else (6, 40.0)), np.random.default_rng(1)
     angles, radii = 2 * np.pi * np.arange(robots) / robots, 0.6 * rng.uniform(0.6, 1.4, robots)
     places = (radii * np.array([np.cos(angles), np.sin(angles)])).T
     grasps = {"cell.grasps": {f"r{k}": cp.Pose(xyz=(*xy, 0.0)) for k, xy in enumerate(places)}}
-    curves, last, agents = [], {}, [Agent(adapts=True) for _ in range(robots)]
-    for label, laws in {"adapts": agents, "does not adapt": [Agent(adapts=False)] * robots}.items():
-        data = ring(CELL, laws, grasps | {"duration": seconds})
+    curves, last, agents = [], {}, [Agent(cell, adapts=True) for _ in range(robots)]
+    for label, laws in {"adapts": agents, "does not adapt": [Agent(cell, adapts=False)] * robots}.items():
+        data = ring(cell, laws, grasps | {"duration": seconds})
         t, off, turn = data.time.values, off_path(data), np.degrees(data.pose_error.values[:, 5])
         early, late = t < seconds / 4, t > 0.75 * seconds
         force = np.linalg.norm(data.torque.values[..., :2], axis=-1).max(axis=1)
