@@ -9,8 +9,8 @@ from coop_pin.base.arrays import Array
 from coop_pin.zoo.reproduction import Measured, Trace, off_path
 
 RATES = (250.0, 125.0, 62.5)
-FEWER = "events need less communication than messages at a rate"
-PRECISE = "the formation is held as precisely"
+FEWER = "fewer messages than its baselines"
+PRECISE = "more precise than its baselines"
 
 
 def carried(cell: cp.Scenario, changes: dict[str, Any]) -> tuple[Array, Array, Array, float]:

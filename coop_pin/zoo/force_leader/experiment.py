@@ -67,9 +67,10 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
     for label, k, limits in (("with three", K, (3.6, 4.0)), ("alone", 0.0, ())):
         data = ring(cell, [ForceFollower(T, 4, k=k, leads=not i) for i in range(4)], {"duration": seconds})
         F, left = data.torque.values[..., :2].sum(axis=0), data.payload_position.values[-1, :2] - GOAL
-        gain, bound = np.linalg.norm(F.sum(axis=0)) / np.linalg.norm(F[0]), most if limits else np.inf
+        gain = float(np.linalg.norm(F.sum(axis=0)) / np.linalg.norm(F[0]))
+        bound, off = most if limits else np.inf, float(np.linalg.norm(left))
         numbers += [
             Measured(STEERS, f"{label}: impulse of all over the leader's", gain, "", *limits),
-            Measured(STEERS, f"{label}: left of 2.24 m", float(np.linalg.norm(left)), "m", most=bound),
+            Measured(STEERS, f"{label}: left of 2.24 m", off, "m", most=bound),
         ]
     return numbers, curves

@@ -61,16 +61,16 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
         gaps = np.array([np.linalg.inv(first @ X) @ X_PE for X, X_PE in zip(poses, grasps, strict=True)])
         place = 1e3 * np.linalg.norm(gaps[:, :3, 3], axis=1).max()
         turn = np.degrees(Rotation.from_matrix(gaps[:, :3, :3]).magnitude().max())
-        centre = np.linalg.norm(body.lever - np.linalg.inv(first)[:3, 3])
-        inertia = np.linalg.norm(body.inertia - true) / np.linalg.norm(true)
-        fits.append((100 * abs(body.mass / load.mass - 1), 100 * inertia))
+        centre = 1e3 * float(np.linalg.norm(body.lever - np.linalg.inv(first)[:3, 3]))
+        inertia = 100 * float(np.linalg.norm(body.inertia - true) / np.linalg.norm(true))
+        fits.append((100 * abs(body.mass / load.mass - 1), inertia))
         if end == ends[-1]:
             numbers += [
                 Measured(GRASPS, f"{label}: worst place of a grasp", place, "mm", most=loose),
                 Measured(GRASPS, f"{label}: worst turn of a grasp", turn, "deg", most=loose / 10),
                 Measured(MASS, f"{label}: mass off", fits[-1][0], "%", most=loose),
-                Measured(MASS, f"{label}: centre off", 1e3 * centre, "mm", most=loose),
-                Measured(INERTIA, f"{label}: matrix off", fits[-1][1], "%", most=5.0 * loose),
+                Measured(MASS, f"{label}: centre off", centre, "mm", most=loose),
+                Measured(INERTIA, f"{label}: matrix off", inertia, "%", most=5.0 * loose),
             ]
     seconds, (mass, matrix) = (ends - 200) * cell.clock.period, np.array(fits[1:]).T
     return numbers, [Trace("mass, noisy", seconds, mass), Trace("inertia, noisy", seconds, matrix)]
