@@ -31,8 +31,7 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
         if arms:
             numbers.append(Measured(RELATIVE, f"{label}: box off its path by then", off[:grasp].max(), "mm"))
             continue
-        moved = 1e3 * np.linalg.norm(P - P[0], axis=1)
-        up = -data.interaction_wrench.values[..., 2] / weight
+        moved, up = 1e3 * np.linalg.norm(P - P[0], axis=1), -data.interaction_wrench.values[..., 2] / weight
         curves.append(Trace("way of the box", time[:end], moved[:end]))
         numbers += [
             Measured(RELATIVE, "box moved on meanwhile by", moved[grasp], "mm", least=5 * tolerance),
