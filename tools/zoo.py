@@ -42,7 +42,7 @@ def page(experiment: Experiment, run: Reproduction) -> str:
         for number in run.numbers:
             if number.claim == claim.name:
                 value = f"{number.value:.3g} {number.unit}".strip()
-                mark = "yes" if number.holds else "no"
+                mark = "-" if not number.decides else "yes" if number.holds else "no"
                 numbers.append((str(count), number.text, value, number.limit, mark))
     unjudged = tuple(f"{claim.text} {claim.unjudged}" for claim in experiment.claims if claim.unjudged)
     return f"""# {experiment.title}
@@ -100,7 +100,7 @@ def methods() -> str:
         for one in (cp.zoo.load_experiment(name),)
     ]
     return markdown(
-        ("kind", "each arm measures", "commands", "messages", "is told", "claims 1, 2, 3"), sorted(rows)
+        ("kind", "each arm measures", "commands", "messages", "is told", "verdicts, by claims"), sorted(rows)
     )
 
 

@@ -1,4 +1,4 @@
-"""Leader and followers by force alone: the object's motion tells each robot the sum of all forces."""
+"""Leader and followers by motion alone: the object's motion tells each robot the sum of all forces."""
 
 from typing import Any
 
@@ -63,12 +63,14 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
         ]
         y = np.linalg.norm(apart, axis=1) / np.linalg.norm(apart[0])
         curves += [Trace(f"{n} robots", t, y), Trace(f"exp(-{rate:g} t)", t, np.exp(-rate * t), dashed=True)]
-    left, seconds, most, least = [], *((12.0, 0.5, 2.0) if short else (30.0, 0.05, 10.0))
-    for k in (K, 0.0):
+    seconds, most = (12.0, 0.5) if short else (30.0, 0.05)
+    for label, k, limits in (("with three", K, (3.6, 4.0)), ("alone", 0.0, ())):
         data = ring(cell, [ForceFollower(T, 4, k=k, leads=not i) for i in range(4)], {"duration": seconds})
-        left.append(float(np.linalg.norm(data.payload_position.values[-1, :2] - GOAL)))
-    return [
-        *numbers,
-        Measured(STEERS, "left of 2.24 m by a leader with three", left[0], "m", most=most),
-        Measured(STEERS, "left by it alone, in multiples", left[1] / left[0], "", least=least),
-    ], curves
+        F, left = data.torque.values[..., :2].sum(axis=0), data.payload_position.values[-1, :2] - GOAL
+        gain = float(np.linalg.norm(F.sum(axis=0)) / np.linalg.norm(F[0]))
+        bound, off = most if limits else np.inf, float(np.linalg.norm(left))
+        numbers += [
+            Measured(STEERS, f"{label}: impulse of all over the leader's", gain, "", *limits),
+            Measured(STEERS, f"{label}: left of 2.24 m", off, "m", most=bound),
+        ]
+    return numbers, curves

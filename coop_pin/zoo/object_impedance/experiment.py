@@ -38,7 +38,7 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
         time = data.time.values - PUSH
         x = data.payload_position.values[:, 0] - data.payload_position.values[0, 0]
         off = 100 * np.abs(x - closed_form(time)).max() / (F / K)
-        claim, most = (SURVIVED, 10.0) if label in WRONG else (RESPONSE, 5.0)
+        claim, most = (SURVIVED, np.inf) if label in WRONG else (RESPONSE, 5.0)
         numbers.append(Measured(claim, f"off the form, {label}", off, "%", most=most))
         if label == "exact model":
             force = np.abs(data.internal_axial_error.values).max()

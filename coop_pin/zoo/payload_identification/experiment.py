@@ -11,61 +11,66 @@ import coop_pin as cp
 from coop_pin.base.arrays import Array
 from coop_pin.zoo.reproduction import Measured, Trace
 
-GRASPS, MASS = "places of the grasps follow from twists", "mass and centre follow from wrenches"
+GRASPS, MASS = "transformations between the grasps follow", "mass and centre follow from wrenches"
 INERTIA = "the inertia follows from wrenches"
+EXACT, NOISY = ("joint_position", "interaction_wrench"), ("measured_drive_position", "measured_wrench")
 
 
-def regression(data: Any, wrenches: str, samples: slice) -> tuple[Array, Array, Array]:
-    """Return m, m c and I about the first grasp, and places of the grasps and of the centre from it."""
+def rate(x: Array, T: float) -> Array:
+    """Return the derivative of a signal of period T, per second."""
+    return np.asarray(savgol_filter(x, 125, 3, deriv=1, delta=T, axis=0))
 
-    def rate(x: Array) -> Array:
-        return savgol_filter(x, 31, 3, deriv=1, delta=float(data.time[1] - data.time[0]), axis=0)
 
-    tips, w, P = data.tip_position.values, data.payload_twist.values[:, 3:], data.payload_position.values
-    F = data[wrenches].values.sum(axis=1)
-    rows = [tips[:, k] - tips[:, 0] for k in range(tips.shape[1])] + [P - tips[:, 0]]
-    v = rate(tips[:, 0])
-    moment = F[:, 3:] + np.cross(rows[-1], F[:, :3])
-    body = Rotation.from_quat(data.payload_quaternion.values[samples]).inv()
-    world = [
-        w,
-        rate(v) + np.array([0.0, 0.0, 9.81]),
-        rate(w),
-        -F[:, :3],
-        -moment,
-        *(rate(row) for row in rows[1:-1]),
-    ]
-    w, a, alpha, f, m, *apart = (body.apply(x[samples]) for x in world)
-    motions = zip(w, a, alpha, strict=True)
-    Y = [pin.bodyRegressor(pin.Motion(0 * w, w), pin.Motion(a, alpha)) for w, a, alpha in motions]
-    theta = np.linalg.lstsq(np.concatenate(Y), np.hstack([f, m]).ravel(), rcond=None)[0]
-    spin = np.concatenate([pin.skew(one) for one in w])
-    places = [np.linalg.lstsq(spin, one.ravel(), rcond=None)[0] for one in apart]
-    true = [body.apply(row[samples]).mean(axis=0) for row in rows[1:]]
-    return theta, np.array(places) - true[:-1], true[-1]
+def felt(cell: cp.Scenario, data: Any, arm: str, signals: tuple[str, str]) -> tuple[Array, ...]:
+    """Return an arm's rotation into the world, and twist, force and moment on the payload in its axes."""
+    T, one = cell.clock.period, data.sel(arm=arm)
+    angles, F = (one[name].values for name in signals)
+    X = cell.cell.arms[arm].tip_poses(angles)
+    R, lever = X[:, :3, :3], (data.payload_position - one.tip_position).values  # a record has moments about P
+    world = rate(X[:, :3, 3], T), -F[:, :3], -F[:, 3:] - np.cross(lever, F[:, :3])
+    v, force, moment = (np.einsum("tji,tj->ti", R, x) for x in world)
+    spin = np.einsum("tji,tjk->tik", R, rate(R, T))
+    return R, np.hstack([v, spin[:, [2, 0, 1], [1, 2, 0]]]), force, moment
+
+
+def estimates(cell: cp.Scenario, data: Any, signals: tuple[str, str], part: slice) -> tuple[Any, list[Array]]:
+    """Return the load about the first grasp, and the pose of each other grasp to it."""
+    (R, V, force, moment), *others = (felt(cell, data, arm, signals) for arm in cell.cell.arms)
+    v, w, poses = V[part, :3], V[part, 3:], []
+    skew = np.concatenate([pin.skew(one) for one in w])
+    for _, V_i, f, m in others:
+        turn = Rotation.align_vectors(w, V_i[part, 3:])[0]
+        p = np.linalg.lstsq(skew, (turn.apply(V_i[part, :3]) - v).ravel(), rcond=None)[0]
+        force, moment = force + turn.apply(f), moment + turn.apply(m) + np.cross(p, turn.apply(f))
+        poses.append(pin.SE3(turn.as_matrix(), p).homogeneous)
+    A = rate(V, cell.clock.period) + np.hstack([9.81 * R[:, 2], np.zeros_like(R[:, 2])])
+    Y = [pin.bodyRegressor(pin.Motion(x), pin.Motion(a)) for x, a in zip(V[part], A[part], strict=True)]
+    theta = np.linalg.lstsq(np.concatenate(Y), np.hstack([force, moment])[part].ravel(), rcond=None)[0]
+    return pin.Inertia.FromDynamicParameters(theta), poses
 
 
 def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
-    """Shake the plate, and fit exact wrenches and noisy ones, over ever more seconds."""
+    """Shake the plate, and fit exact signals and noisy ones, over ever more seconds."""
     duration, loose = (4.0, 5.0) if short else (10.0, 1.0)
-    data = cp.run(cell.override({"duration": duration}), warn=False).data
-    numbers, load, ends = [], cell.cell.payload, np.linspace(0.4, 1.0, 10) * (len(data.time) - 200)
-    errors: dict[str, Any] = {"mass": [], "inertia": []}
-    for label, end in [("exact", ends[-1]), *(("noisy", end) for end in ends)]:
-        wrenches = "measured_wrench" if label == "noisy" else "interaction_wrench"
-        theta, places, centre = regression(data, wrenches, slice(200, int(end)))
-        body = pin.Inertia.FromDynamicParameters(theta)
-        mass, off = 100 * abs(body.mass / load.mass - 1), 1e3 * float(np.linalg.norm(body.lever - centre))
-        inertia = 100 * np.abs(np.diag(body.inertia) / np.array(load.inertia)[:3] - 1).max()
-        if label == "noisy":
-            errors = {"mass": [*errors["mass"], mass], "inertia": [*errors["inertia"], inertia]}
+    data, load = cp.run(cell.override({"duration": duration}), warn=False).data, cell.cell.payload
+    ends, fits, numbers = np.linspace(0.4, 1.0, 10) * (len(data.time) - 200), [], []
+    first, *grasps = (grasp.matrix for grasp in cell.cell.grasps.values())
+    true = first[:3, :3].T @ np.diag(load.inertia[:3]) @ first[:3, :3]
+    for label, signals, end in [("exact", EXACT, ends[-1]), *(("noisy", NOISY, end) for end in ends)]:
+        body, poses = estimates(cell, data, signals, slice(200, int(end)))
+        gaps = np.array([np.linalg.inv(first @ X) @ X_PE for X, X_PE in zip(poses, grasps, strict=True)])
+        place = 1e3 * np.linalg.norm(gaps[:, :3, 3], axis=1).max()
+        turn = np.degrees(Rotation.from_matrix(gaps[:, :3, :3]).magnitude().max())
+        centre = 1e3 * float(np.linalg.norm(body.lever - np.linalg.inv(first)[:3, 3]))
+        inertia = 100 * float(np.linalg.norm(body.inertia - true) / np.linalg.norm(true))
+        fits.append((100 * abs(body.mass / load.mass - 1), inertia))
         if end == ends[-1]:
-            worst = 1e6 * np.abs(places).max()
             numbers += [
-                Measured(GRASPS, f"{label}: worst place of a grasp", worst, "um", most=100.0),
-                Measured(MASS, f"{label}: mass off", mass, "%", most=1.0),
-                Measured(MASS, f"{label}: centre off", off, "mm", most=loose),
-                Measured(INERTIA, f"{label}: worst moment of inertia off", inertia, "%", most=loose * 5.0),
+                Measured(GRASPS, f"{label}: worst place of a grasp", place, "mm", most=loose),
+                Measured(GRASPS, f"{label}: worst turn of a grasp", turn, "deg", most=loose / 10),
+                Measured(MASS, f"{label}: mass off", fits[-1][0], "%", most=loose),
+                Measured(MASS, f"{label}: centre off", centre, "mm", most=loose),
+                Measured(INERTIA, f"{label}: matrix off", inertia, "%", most=5.0 * loose),
             ]
-    seconds = (ends - 200) * float(data.time[1])
-    return numbers, [Trace(f"{name}, wrists with noise", seconds, np.array(y)) for name, y in errors.items()]
+    seconds, (mass, matrix) = (ends - 200) * cell.clock.period, np.array(fits[1:]).T
+    return numbers, [Trace("mass, noisy", seconds, mass), Trace("inertia, noisy", seconds, matrix)]

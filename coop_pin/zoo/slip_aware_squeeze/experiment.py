@@ -8,7 +8,9 @@ import coop_pin as cp
 from coop_pin.zoo.reproduction import Measured, Trace
 
 HALTS, KEPT = "slip is halted by more internal force", "the wrench on the object is preserved"
-TENS = "some tens of milliseconds suffice"
+LATE = "delays as theirs are borne"
+RUNS = {"fixed squeeze": 0, "at once": 0, "40 ms late": "40 ms", "130 ms late": "130 ms", "left arm alone": 0}
+"""Delay of the slip sensor of each run."""
 
 
 class SlipAware(cp.ArmController):
@@ -28,31 +30,35 @@ class SlipAware(cp.ArmController):
 
 
 def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
-    """Push the crate down: the squeeze stays, follows the slip at once, or 40 ms late."""
+    """Push the crate down: the squeeze stays, follows the slip at once or late, or by the left arm alone."""
     numbers, curves, seconds = [], [], 0.35 if short else 0.8
-    for label in ("fixed squeeze", "at once") if short else ("fixed squeeze", "at once", "40 ms late"):
-        delay = "40 ms" if "late" in label else 0
-        pushed = cell.override(
-            {"duration": seconds, "events.0.duration": seconds - 0.1, "sensors.slip.delay": delay}
-        )
-        laws = cp.laws.build_controller(pushed).controllers
-        wrapped = {arm: law if "fixed" in label else SlipAware(law) for arm, law in laws.items()}
+    for label, delay in list(RUNS.items())[: 2 if short else None]:
+        changes = {"duration": seconds, "events.0.duration": seconds - 0.1, "sensors.slip.delay": delay}
+        laws = cp.laws.build_controller(pushed := cell.override(changes)).controllers
+        follow = {"fixed squeeze": (), "left arm alone": ("left",)}.get(label, tuple(laws))
+        wrapped = {arm: SlipAware(law) if arm in follow else law for arm, law in laws.items()}
         run = cp.simulate(pushed, cp.laws.DecentralisedController(wrapped))
-        time, slip, F = (run.data[name].values for name in ("time", "patch_slip", "interaction_wrench"))
-        worst, dropped = 1e3 * slip.max(axis=1), run.metrics()["dropped_at_s"]
-        curves.append(
-            Trace(label, time, np.where(time < (dropped if dropped > 0 else np.inf), worst, np.nan))
-        )
-        if "fixed" in label:
+        dropped = run.metrics()["dropped_at_s"]
+        data = run.data.sel(time=slice(0.0, dropped if dropped > 0 else None))
+        time, worst = data.time.values, 1e3 * data.patch_slip.values.max(axis=1)
+        F, P = data.interaction_wrench.values, data.payload_position.values
+        curves.append(Trace(label, time, worst))
+        if not follow:
             numbers.append(Measured(HALTS, "a fixed squeeze drops the crate at", dropped, "s", most=seconds))
             continue
-        slides = worst[-1] - worst[np.searchsorted(time, seconds - 0.15)]
-        claim = TENS if delay else HALTS
-        rise = np.abs(F[:, 0, 0]).max() - np.abs(F[0, 0, 0])
+        if len(follow) == 2:
+            slides = worst[-1] - worst[np.searchsorted(time, time[-1] - 0.15)]
+            claim = LATE if delay else HALTS
+            numbers += [
+                Measured(claim, f"{label}: slides in its last 0.15 s", slides, "mm", most=0.1),
+                Measured(claim, f"{label}: slides in all, of 30 mm", worst[-1], "mm"),
+            ]
+        rise = np.abs(F[:, :, 0]).max() - np.abs(F[0, 0, 0])
         net = 100 * np.abs(F.sum(axis=1)[:, :2]).max() / rise
+        aside = 1e3 * np.abs(P[:, :2] - P[0, :2]).max()
+        limits = {"most": 5.0} if len(follow) == 2 else {"least": 5.0}
         numbers += [
-            Measured(claim, f"{label}: slides in the last 0.15 s", slides, "mm", most=0.1),
-            Measured(claim, f"{label}: slides in all, of 30 mm", worst[-1], "mm", most=30.0),
-            Measured(KEPT, f"{label}: net push aside over the rise", net, "%", most=5.0),
+            Measured(KEPT, f"{label}: net push aside over the rise", net, "%", **limits),
+            Measured(KEPT, f"{label}: crate moved aside by", aside, "mm"),
         ]
     return numbers, curves

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 import coop_pin as cp
+from coop_pin.base.arrays import Array
 from coop_pin.zoo.force_leader.experiment import ring
 from coop_pin.zoo.reproduction import Measured, Trace, off_path
 
@@ -18,7 +19,8 @@ class Agent(cp.ArmController):
     """F = Y theta - K_d s, s = V - V_r, V_r = V_d - xtilde, at an estimated place; theta' = -G Y^T s."""
 
     def __init__(self, cell: cp.Scenario, *, adapts: bool) -> None:
-        self.gains, self.cell, self.kept = GAINS * adapts, cell, np.zeros(6)
+        self.gains, self.cell = GAINS * adapts, cell
+        self.kept: list[Array] = []
 
     def init(self, measurement: Any, reference: Any) -> Any:
         """Return the estimates: nothing is known."""
@@ -36,8 +38,8 @@ class Agent(cp.ArmController):
         lever = R.T @ np.array([-F[1], F[0]])  # moment of the force about P for a unit of each place, negated
         torque = np.array([F[0], F[1], F[2] + lever @ state[4:]])
         rates = -self.gains * np.concatenate([Y.T @ s, lever * s[2]])
-        self.kept = state + self.cell.clock.period * rates
-        return cp.ArmCommand(torque, self.kept)
+        self.kept.append(state + self.cell.clock.period * rates)
+        return cp.ArmCommand(torque, self.kept[-1])
 
 
 def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
@@ -49,20 +51,24 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
     curves, last, agents = [], {}, [Agent(cell, adapts=True) for _ in range(robots)]
     for label, laws in {"adapts": agents, "does not adapt": [Agent(cell, adapts=False)] * robots}.items():
         data = ring(cell, laws, grasps | {"duration": seconds})
-        t, off = data.time.values, off_path(data)
+        t, off, turn = data.time.values, off_path(data), np.degrees(data.pose_error.values[:, 5])
         early, late = t < seconds / 4, t > 0.75 * seconds
         force = np.linalg.norm(data.torque.values[..., :2], axis=-1).max(axis=1)
-        last[label] = np.sqrt((off[late] ** 2).mean()), force[late].max() / force[early].max()
+        rms = [float(np.sqrt((x[late] ** 2).mean())) for x in (off, turn)]
+        last[label] = *rms, force[late].max() / force[early].max()
         curves.append(Trace(label, t, 1e3 * off))
-    theta = np.array([agent.kept for agent in agents])
-    share, mass = last["adapts"][0] / last["does not adapt"][0], 10.0 + 1.02 * robots
-    wrong = np.linalg.norm(theta[:, 4:] - places, axis=1) / radii
-    bias = abs(theta[:, 0].sum() / mass - 1)
-    most = 50.0 if short else 5.0
+    theta, mass = np.array([agent.kept for agent in agents]), 10.0 + 1.02 * robots
+    (off, turn, forces), (alone, untold, _) = last["adapts"], last["does not adapt"]
+    whole = [mass, 2.4 + 1.02 * sum(radii**2), 4.0 * robots, 4.0 * sum(radii**2), max(radii), max(radii)]
+    wrong = np.linalg.norm(theta[:, -1, 4:] - places, axis=1) / radii
+    bias = abs(theta[:, -1, 0].sum() / mass - 1)
+    most, largest = 50.0 if short else 5.0, (np.abs(theta) / whole).max()
     return [
-        Measured(FOLLOWS, "rms off at last, of that without adapting", 100 * share, "%", most=most),
-        Measured(BOUNDED, "largest force at last over that at first", last["adapts"][1], "", most=1.0),
-        Measured(BOUNDED, "largest estimate over the whole load's", theta[:, 0].max() / mass, "", most=1.0),
+        Measured(FOLLOWS, "rms off at last, of that without adapting", 100 * off / alone, "%", most=most),
+        Measured(FOLLOWS, "rms turn off at last, from 11 deg", turn, "deg"),
+        Measured(FOLLOWS, "the same without adapting", untold, "deg"),
+        Measured(BOUNDED, "largest force at last over that at first", forces, "", most=1.0),
+        Measured(BOUNDED, "largest estimate ever over the whole's", largest, "", most=1.0),
         Measured(APART, "worst place, off by a share of its radius", 100 * wrong.max(), "%", least=10.0),
         Measured(APART, "masses added up, off by", 100 * bias, "%"),
     ], curves
