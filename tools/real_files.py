@@ -1,0 +1,107 @@
+"""Cells of real robot files, as ``coop-pin new`` writes them: made or refused, run, and how well they do.
+
+python tools/real_files.py FILES OUT             # all rows of real_files.tsv
+python tools/real_files.py FILES OUT yumi movo   # some of them
+
+FILES has ``pip/``, where packages were installed with ``pip install --no-deps --target``, and
+``git/OWNER/NAME/`` with the files of public repositories. Rows whose robots are plain names are of
+example-robot-data. A row whose first command is refused has the remedy that the refusal named as further
+options; it is executed, and counts only if the cell then keeps its task.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+TABLE = Path(__file__).with_suffix(".tsv")
+RESULTS = TABLE.with_name("real_files_results.tsv")
+_COLUMNS = ("name", "traits", "outcome", "refused", "remedy", "mm", "N", "distance")
+_LIMIT = 1200.0
+"""Longest time of a command, s."""
+
+
+def command(*words: str) -> tuple[int, str]:
+    """Return exit code and text of a command of coop-pin."""
+    line = [sys.executable, "-m", "coop_pin", *words]
+    try:
+        done = subprocess.run(line, capture_output=True, text=True, timeout=_LIMIT, check=False)
+    except subprocess.TimeoutExpired:
+        return -1, f"no end after {_LIMIT:g} s"
+    return done.returncode, f"{done.stdout}{done.stderr}"
+
+
+def words(text: str, files: Path) -> list[str]:
+    """Return words, of which those that are paths stand in the folder of files."""
+    return [str(files / word) if word.startswith(("pip/", "git/")) else word for word in text.split()]
+
+
+def made(row: dict[str, str], files: Path, scenario: Path, options: str) -> str:
+    """Write the cell of a row; return why it is refused, or nothing."""
+    scenario.unlink(missing_ok=True)
+    robots = words(row["robots"], files)
+    code, text = command("new", str(scenario), "--arms", *robots, *words(options, files))
+    scenario.with_suffix(".new.txt").write_text(text)
+    return "" if code == 0 else " ".join(text.split())[-600:]
+
+
+def outcome(row: dict[str, str], files: Path, out: Path) -> dict[str, str]:
+    """Return the row of results of a robot."""
+    scenario, folder = out / f"{row['name']}.toml", out / row["name"]
+    result = dict.fromkeys(_COLUMNS, "") | {"name": row["name"], "traits": row["traits"]}
+    if refusal := made(row, files, scenario, row["options"]):
+        result["refused"] = refusal
+        if not row["remedy"]:
+            return result | {"outcome": "refused"}
+        result["remedy"] = row["remedy"]
+        if refusal := made(row, files, scenario, f"{row['options']} {row['remedy']}"):
+            return result | {"outcome": "refused", "refused": refusal}
+    _, checked = command("check", str(scenario))
+    scenario.with_suffix(".check.txt").write_text(checked)
+    code, text = command("run", str(scenario), "--no-replay", "--no-figures", "--out", str(folder))
+    scenario.with_suffix(".run.txt").write_text(text)
+    if not (folder / "metrics.json").is_file():
+        return result | {"outcome": "no run", "refused": " ".join(text.split())[-600:]}
+    metrics = json.loads((folder / "metrics.json").read_text())
+    numbers = (("mm", 1e3, "position_error_max_m"), ("N", 1.0, "internal_force_error_max_N"))
+    result |= {name: f"{scale * (metrics[key] or 0.0):.2g}" for name, scale, key in numbers}
+    kept = metrics["task"] if metrics["simulation_sound"] else "not sound"
+    return result | {"outcome": kept, "distance": _distance(checked)}
+
+
+def _distance(checked: str) -> str:
+    """Return what the check says of the bodies that come nearest, in one line."""
+    flat = " ".join(checked.split())
+    return next((part.split(" m")[0] for part in (flat.partition("nearest bodies: ")[2],) if part), "")
+
+
+def main() -> None:
+    """Fill the rows of the results that are asked for, one after the other."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("files", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("names", nargs="*")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    with TABLE.open() as table:
+        rows = list(csv.DictReader(table, delimiter="\t"))
+    known = {}
+    if RESULTS.exists():
+        with RESULTS.open() as table:
+            known = {row["name"]: row for row in csv.DictReader(table, delimiter="\t")}
+    for row in rows:
+        if not arguments.names or row["name"] in arguments.names:
+            known[row["name"]] = outcome(row, arguments.files.resolve(), arguments.out.resolve())
+            print(*(known[row["name"]][name] for name in _COLUMNS), sep=" | ", flush=True)
+            with RESULTS.open("w") as table:
+                writer = csv.DictWriter(table, _COLUMNS, delimiter="\t", lineterminator="\n")
+                writer.writeheader()
+                writer.writerows(known[each["name"]] for each in rows if each["name"] in known)
+
+
+if __name__ == "__main__":
+    main()
