@@ -5,8 +5,9 @@ python tools/real_files.py FILES OUT yumi movo   # some of them
 
 FILES has ``pip/``, where packages were installed with ``pip install --no-deps --target``, and
 ``git/OWNER/NAME/`` with the files of public repositories. Rows whose robots are plain names are of
-example-robot-data. A row whose first command is refused has the remedy that the refusal named as further
-options; it is executed, and counts only if the cell then keeps its task.
+example-robot-data. A row whose first command is refused has the remedy that the refusal named, as further
+options or as an edit of the file, ``PATTERN => TEXT``; it is executed, and counts only if the cell then keeps
+its task.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 TABLE = Path(__file__).with_suffix(".tsv")
 RESULTS = TABLE.with_name("real_files_results.tsv")
-_COLUMNS = ("name", "traits", "outcome", "refused", "remedy", "mm", "N", "distance")
+_COLUMNS = ("name", "traits", "outcome", "refused", "remedy", "mm", "N")
 _LIMIT = 1200.0
 """Longest time of a command, s."""
 
@@ -40,13 +42,23 @@ def words(text: str, files: Path) -> list[str]:
     return [str(files / word) if word.startswith(("pip/", "git/")) else word for word in text.split()]
 
 
-def made(row: dict[str, str], files: Path, scenario: Path, options: str) -> str:
+def made(row: dict[str, str], files: Path, scenario: Path, options: str, edit: str = "") -> str:
     """Write the cell of a row; return why it is refused, or nothing."""
     scenario.unlink(missing_ok=True)
     robots = words(row["robots"], files)
-    code, text = command("new", str(scenario), "--arms", *robots, *words(options, files))
-    scenario.with_suffix(".new.txt").write_text(text)
-    return "" if code == 0 else " ".join(text.split())[-600:]
+    if edit:
+        pattern, _, text = edit.partition(" => ")
+        robots = [str(edited(Path(robot), pattern, text)) for robot in robots]
+    code, said = command("new", str(scenario), "--arms", *robots, *words(options, files))
+    scenario.with_suffix(".new.txt").write_text(said)
+    return "" if code == 0 else " ".join(said.partition("coop-pin: ")[2].split())[:400]
+
+
+def edited(file: Path, pattern: str, text: str) -> Path:
+    """Return a copy of a file beside it, in which a pattern is replaced."""
+    copy = file.with_name(f"edited_{file.name}")
+    copy.write_text(re.sub(pattern, text, file.read_text()))
+    return copy
 
 
 def outcome(row: dict[str, str], files: Path, out: Path) -> dict[str, str]:
@@ -54,29 +66,18 @@ def outcome(row: dict[str, str], files: Path, out: Path) -> dict[str, str]:
     scenario, folder = out / f"{row['name']}.toml", out / row["name"]
     result = dict.fromkeys(_COLUMNS, "") | {"name": row["name"], "traits": row["traits"]}
     if refusal := made(row, files, scenario, row["options"]):
-        result["refused"] = refusal
-        if not row["remedy"]:
-            return result | {"outcome": "refused"}
-        result["remedy"] = row["remedy"]
-        if refusal := made(row, files, scenario, f"{row['options']} {row['remedy']}"):
+        result["refused"], result["remedy"] = refusal, row["remedy"] or row["edit"]
+        options = f"{row['options']} {row['remedy']}"
+        if not result["remedy"] or (refusal := made(row, files, scenario, options, row["edit"])):
             return result | {"outcome": "refused", "refused": refusal}
-    _, checked = command("check", str(scenario))
-    scenario.with_suffix(".check.txt").write_text(checked)
-    code, text = command("run", str(scenario), "--no-replay", "--no-figures", "--out", str(folder))
-    scenario.with_suffix(".run.txt").write_text(text)
+    _, said = command("run", str(scenario), "--no-replay", "--no-figures", "--out", str(folder))
+    scenario.with_suffix(".run.txt").write_text(said)
     if not (folder / "metrics.json").is_file():
-        return result | {"outcome": "no run", "refused": " ".join(text.split())[-600:]}
+        return result | {"outcome": "no run", "refused": " ".join(said.split())[-400:]}
     metrics = json.loads((folder / "metrics.json").read_text())
     numbers = (("mm", 1e3, "position_error_max_m"), ("N", 1.0, "internal_force_error_max_N"))
     result |= {name: f"{scale * (metrics[key] or 0.0):.2g}" for name, scale, key in numbers}
-    kept = metrics["task"] if metrics["simulation_sound"] else "not sound"
-    return result | {"outcome": kept, "distance": _distance(checked)}
-
-
-def _distance(checked: str) -> str:
-    """Return what the check says of the bodies that come nearest, in one line."""
-    flat = " ".join(checked.split())
-    return next((part.split(" m")[0] for part in (flat.partition("nearest bodies: ")[2],) if part), "")
+    return result | {"outcome": metrics["task"] if metrics["simulation_sound"] else "not sound"}
 
 
 def main() -> None:

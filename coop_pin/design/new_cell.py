@@ -21,7 +21,7 @@ from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.contacts import Layout, Shoulders, Side, contacts, faces_back
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot, named_arms
-from coop_pin.design.placement import ArmPlacement, common_places
+from coop_pin.design.placement import ArmPlacement, Place, common_places
 from coop_pin.design.suggestion import Suggestion, suggest
 from coop_pin.feasibility.motion_feasibility import joint_heights, require_rank
 from coop_pin.feasibility.reachability import reachability
@@ -35,6 +35,9 @@ _EDGES = {"box": (0.4, 0.3, 0.2), "bar": (0.8, 0.05, 0.05), "plate": (0.6, 0.4, 
 _POSES = 41
 _PART, _UNITS = 0.5, ("m", "rad", "N", "N m")
 """Part of what the task allows from which on a motion is slowed, and units of errors."""
+_SIDES: tuple[Side, ...] = ("sides", "ahead", "above")
+"""Sides of a payload from which one robot takes it, the first with a common workspace."""
+_WAYS = {"sides": "from the sides", "ahead": "beside it, tools ahead,", "above": "from above"}
 _NEAREST = 0.05
 """Least distance of a base from the payload's centre, m."""
 
@@ -74,8 +77,9 @@ def new_cell(
         mass: mass of the payload, kg; not used with a Payload.
         size: edges of the payload along x, y and z, m, shape (3,); those of its kind when omitted; not used
             with a Payload.
-        grasp: side from which the tools approach: "above", or horizontally, "sides"; when omitted the sides,
-            or from above where the arms have no common workspace there.
+        grasp: side from which the tools approach: "above", horizontally, "sides", or from where the arm
+            stands, "ahead"; when omitted the first with a workspace of these: the sides, ahead for one robot,
+            from above.
         layout: bases all around the payload, "facing", or on one side of it, "side-by-side".
         tips: tip of each arm; the link that is named like a tool when omitted. Joints that do not move it are
             locked.
@@ -96,7 +100,7 @@ def new_cell(
             "torque" (the payload is too heavy), "rank", or another one of ``cp.suggest``.
     """
     for argument, value, allowed in (
-        ("grasp", grasp or "sides", ("above", "sides")),
+        ("grasp", grasp or "sides", get_args(Side)),
         ("layout", layout, ("facing", "side-by-side")),
         ("motion", motion, get_args(MotionName)),
     ):
@@ -135,17 +139,9 @@ def new_cell(
         raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}: {command}") from None
     tell = progress or (lambda _: None)
     tell(f"places of the bases of {len(named)} arms")
-    side = ""
-    try:
-        height, stroke, places = common_places(placing, held, distance)
-    except InfeasibleMotionError as error:
-        if grasp is not None or is_planar or distance is not None:
-            raise
-        try:
-            height, stroke, places = common_places(_searches(named, held, "above", shape), held, distance)
-        except InfeasibleMotionError:
-            raise error from None
-        side = f"grasp: from above, because from the sides {error.detail}"
+    only_one = grasp is not None or is_planar or distance is not None
+    sides = (grasp or "sides",) if only_one else _SIDES if is_robot else ("sides", "above")
+    side, height, stroke, places = _placed(named, held, shape, sides, distance)
     by_arm = dict(zip(named, places, strict=True))
     start = Pose(xyz=(0.0, 0.0, height))
     robots = ", ".join(dict.fromkeys(Path(arm.urdf).stem for arm in named.values()))
@@ -177,6 +173,22 @@ def new_cell(
         *(() if is_planar or is_robot else _below_ground(scenario)),
     )
     return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *remarks))
+
+
+def _placed(
+    named: Mapping[str, Arm], held: Payload, layout: Layout, sides: Sequence[Side], distance: float | None
+) -> tuple[str, float, float, list[Place]]:
+    """Return a remark, and what ``common_places`` does of the first side with a common workspace."""
+    errors = list[InfeasibleMotionError]()
+    for side in sides:
+        try:
+            placed = common_places(_searches(named, held, side, layout), held, distance)
+        except InfeasibleMotionError as error:
+            errors.append(error)
+        else:
+            remark = f"grasp: {_WAYS[side]}, because {_WAYS[sides[0]]} {errors[0].detail}" if errors else ""
+            return remark, *placed
+    raise errors[0]
 
 
 def _searches(named: Mapping[str, Arm], held: Payload, side: Side, layout: Layout) -> list[ArmPlacement]:

@@ -40,8 +40,9 @@ _STROKE = 0.1
 _OFF_GROUND = 0.05
 """Least distance of the payload from the ground, m."""
 _GRAVITY = np.array((0.0, 0.0, -9.81))
-_SMALL, _FLUSH = 1e-9, 1e-3
-"""Numbers that count as zero; length along the tool below which it does not tell where the tool points, m."""
+_SMALL, _FLUSH, _ACROSS = 1e-9, 1e-3, 0.4
+"""Numbers that count as zero; length below which it does not tell where the tool points, m; cosine below
+which the last joint's axis is across the tool."""
 
 
 class Place(NamedTuple):
@@ -144,9 +145,8 @@ class ArmPlacement:
             yaw = np.arctan2(*-self._direction[1::-1]) - np.arctan2(fy, fx)
             ahead = exp3(yaw * np.eye(3)[2]) @ (origin.middle + distance * origin.forward)
             x, y, _ = (np.round(-ahead, 3) + 0.0).tolist()
-            return Pose(
-                xyz=(x, y, 0.0), rpy=(0.0, 0.0, round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6))
-            )
+            turn = round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6)
+            return Pose(xyz=(x, y, -origin.floor), rpy=(0.0, 0.0, turn))
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
         z = height - self.plane if self.is_planar else 0.0
         aim = self._contact.point
@@ -186,7 +186,11 @@ class ArmPlacement:
 
 
 def _tool_axis(model: ArmModel, q: Array) -> Array:
-    """Return the direction of the tool in tip axes: the last joint's axis, away from the wrist."""
+    """Return the direction of the tool in tip axes: the last joint's axis, away from the wrist.
+
+    Where this axis is across the way from the nearest joint to the tip, as in a wrist that bends last, it is
+    that way.
+    """
     data = model.model.createData()
     pin.forwardKinematics(model.model, data, q)
     X_BE, last = model.tip_pose(q), model.model.frames[frame_id(model.model, "tip")].parentJoint
@@ -194,9 +198,12 @@ def _tool_axis(model: ArmModel, q: Array) -> Array:
     axis = column[3:] if column[3:].any() else column[:3]
     axis /= np.linalg.norm(axis)
     joint = last
-    while joint and abs(along := float(axis @ (X_BE[:3, 3] - data.oMi[joint].translation))) < _FLUSH:
+    while joint and np.linalg.norm(X_BE[:3, 3] - data.oMi[joint].translation) < _FLUSH:
         joint = model.model.parents[joint]
-    return X_BE[:3, :3].T @ (np.copysign(axis, axis * along) if joint else axis)
+    way = X_BE[:3, 3] - data.oMi[joint].translation if joint else axis
+    along = float(axis @ way) / float(np.linalg.norm(way))
+    bends = abs(along) < _ACROSS and bool(column[3:].any())
+    return X_BE[:3, :3].T @ (way / np.linalg.norm(way) if bends else np.copysign(axis, axis * along))
 
 
 def _triad(first: Array, second: Array) -> Array:
@@ -207,7 +214,7 @@ def _triad(first: Array, second: Array) -> Array:
 
 
 _Tried: TypeAlias = tuple[float, list[Place | None]]
-"""Height of the payload, and the place of each arm, None where it has none."""
+"""Height of the payload, and the place of each arm up to the first that has none."""
 
 
 def common_places(
@@ -240,14 +247,14 @@ def common_places(
     origins = [None] if shoulders is None else [shoulders.root, shoulders]
     tried, common = list[_Tried](), list[tuple[float, list[Place]]]()
     for origin in origins:
-        above = 0.0 if origin is None else origin.middle[2]
-        parts = _HEIGHTS if not above else _SHOULDER_HEIGHTS
+        above = 0.0 if origin is None else origin.middle[2] - origin.floor
+        parts = _SHOULDER_HEIGHTS if origin is shoulders and above else _HEIGHTS
         heights = sorted({round(max(ground, above + part * least), 2) for part in parts})
         if all(arm.is_planar for arm in arms):
             heights = [arms[0].plane]
         sets = [[distance]] if distance else [[]] if origin is None else [[one] for one in shortest.distances]
         new = [
-            (height, [arm.best(height, stroke, some or arm.distances, origin) for arm in arms])
+            (height, _places(arms, height, stroke, some, origin))
             for height, some in itertools.product(heights, sets)
         ]
         tried += new
@@ -264,12 +271,30 @@ def common_places(
     return height, stroke, places
 
 
+def _places(
+    arms: Sequence[ArmPlacement],
+    height: float,
+    stroke: float,
+    distances: list[float],
+    origin: Shoulders | None,
+) -> list[Place | None]:
+    """Return the place of each arm up to the first that has none; raises nothing."""
+    places = list[Place | None]()
+    for arm in arms:
+        places.append(arm.best(height, stroke, distances or arm.distances, origin))
+        if places[-1] is None:
+            break
+    return places
+
+
 def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[_Tried]) -> str:
     """Return the heights at which each arm can hold the payload, and what to change."""
     held = []
     for k, arm in enumerate(arms):
-        heights = dict.fromkeys(f"{height:g}" for height, places in tried if places[k] is not None)
-        held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
+        looked = [(height, places[k]) for height, places in tried if len(places) > k]
+        heights = dict.fromkeys(f"{height:g}" for height, there in looked if there is not None)
+        if looked:
+            held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
     every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
     return (
         f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Take a"
