@@ -15,26 +15,43 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import os
 import re
-import subprocess
+import signal
 import sys
+import tempfile
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import coop_pin as cp
+from coop_pin.cli import main as main_of_cli
+
+_LOADED = cp.Simulation, cp.new_cell, cp.check
+"""What every command needs."""
 
 TABLE = Path(__file__).with_suffix(".tsv")
 RESULTS = TABLE.with_name("real_files_results.tsv")
-_COLUMNS = ("name", "traits", "outcome", "refused", "remedy", "mm", "N")
-_LIMIT = 1200.0
-"""Longest time of a command, s."""
+_COLUMNS = ("name", "traits", "outcome", "refused", "remedy", "motion", "mm", "N")
+_LIMIT, _REST = 1200, 1.0
+"""Longest time of a command, s; time that a run goes on after the motion, s."""
 
 
 def command(*words: str) -> tuple[int, str]:
-    """Return exit code and text of a command of coop-pin."""
-    line = [sys.executable, "-m", "coop_pin", *words]
-    try:
-        done = subprocess.run(line, capture_output=True, text=True, timeout=_LIMIT, check=False)
-    except subprocess.TimeoutExpired:
-        return -1, f"no end after {_LIMIT:g} s"
-    return done.returncode, f"{done.stdout}{done.stderr}"
+    """Return exit code and text of a command of coop-pin, in a process that has it loaded already."""
+    with tempfile.TemporaryFile("w+") as said:
+        if not (child := os.fork()):
+            for stream in (sys.stdout, sys.stderr):
+                os.dup2(said.fileno(), stream.fileno())
+            signal.alarm(_LIMIT)
+            code = main_of_cli([*words])
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+        _, status = os.waitpid(child, 0)
+        said.seek(0)
+        return status, said.read()
 
 
 def words(text: str, files: Path) -> list[str]:
@@ -70,14 +87,27 @@ def outcome(row: dict[str, str], files: Path, out: Path) -> dict[str, str]:
         options = f"{row['options']} {row['remedy']}"
         if not result["remedy"] or (refusal := made(row, files, scenario, options, row["edit"])):
             return result | {"outcome": "refused", "refused": refusal}
-    _, said = command("run", str(scenario), "--no-replay", "--no-figures", "--out", str(folder))
+    motion = cp.Scenario.load(scenario).motion
+    end = getattr(motion, "start_time", 0.0) + getattr(motion, "duration", 0.0) + _REST
+    run = ("run", str(scenario), "--no-replay", "--no-figures", "--out", str(folder))
+    _, said = command(*run, "--duration", str(end))
     scenario.with_suffix(".run.txt").write_text(said)
     if not (folder / "metrics.json").is_file():
         return result | {"outcome": "no run", "refused": " ".join(said.split())[-400:]}
     metrics = json.loads((folder / "metrics.json").read_text())
     numbers = (("mm", 1e3, "position_error_max_m"), ("N", 1.0, "internal_force_error_max_N"))
+    result["motion"] = _way(motion)
     result |= {name: f"{scale * (metrics[key] or 0.0):.2g}" for name, scale, key in numbers}
     return result | {"outcome": metrics["task"] if metrics["simulation_sound"] else "not sound"}
+
+
+def _way(motion: Any) -> str:
+    """Return kind and size of the motion that ``new`` wrote."""
+    if motion.kind != "line":
+        return str(motion.kind)
+    way = np.linalg.norm(np.subtract(motion.goal.xyz, motion.start.xyz))
+    turn = np.linalg.norm(motion.goal.rpy)
+    return f"line of {way:.2f} m, {turn:.2f} rad in {motion.duration:g} s"
 
 
 def main() -> None:

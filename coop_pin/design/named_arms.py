@@ -64,7 +64,7 @@ def arms_of_robot(
     """Return the arms of one robot from left to right, by name, and a remark on joints that move several.
 
     Joints that move no tip or several are locked at their angles nearest to zero. Left is where arms begin
-    along +y, or end where they begin in line. Groups of an SRDF file stand for their tips, and its first state
+    along +y, or end where they begin in line. Groups of an SRDF file stand for tips, and its first state
     that has all joints of an arm is its posture.
 
     Args:

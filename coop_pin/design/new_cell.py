@@ -37,7 +37,7 @@ _PART, _UNITS = 0.5, ("m", "rad", "N", "N m")
 """Part of what the task allows from which on a motion is slowed, and units of errors."""
 _SIDES: tuple[Side, ...] = ("sides", "ahead", "above")
 """Sides of a payload from which one robot takes it, the first with a common workspace."""
-_WAYS = {"sides": "from the sides", "ahead": "beside it, tools ahead,", "above": "from above"}
+_WAYS = {"sides": "from the sides", "ahead": "beside it with tools ahead", "above": "from above"}
 _NEAREST = 0.05
 """Least distance of a base from the payload's centre, m."""
 

@@ -132,10 +132,9 @@ class ArmPlacement:
             X_PE[:3, :3] = exp3(roll * self._contact.approach) @ self._R_WE
             X_PE[:3, 3] = self._contact.point
             X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
-            for margin, q in self._solutions(X_BP, X_PE, stroke):
-                if best is None or margin > best.margin:
-                    posture = tuple(self._model.joint_angles(q).tolist())
-                    best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
+            for margin, q in self._solutions(X_BP, X_PE, stroke, -np.inf if best is None else best.margin):
+                posture = tuple(self._model.joint_angles(q).tolist())
+                best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
         return best
 
     def base(self, distance: float, height: float, origin: Shoulders | None) -> Pose:
@@ -153,16 +152,21 @@ class ArmPlacement:
         yaw = np.arctan2(aim[1] - y, aim[0] - x)
         return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
 
-    def _solutions(self, X_BP: Array, X_PE: Array, stroke: float) -> Iterator[tuple[float, Array]]:
-        """Yield configurations that hold the payload and can move it by the stroke, with their margins."""
+    def _solutions(
+        self, X_BP: Array, X_PE: Array, stroke: float, least: float
+    ) -> Iterator[tuple[float, Array]]:
+        """Yield configurations that hold the payload and can move it by the stroke, each with more margin."""
         rows = [row for row in self._rows.indices if row < 3]
         for seed in self._seeds:
             q, margin = self._solved(X_BP, X_PE, seed)
-            for row, step in itertools.product(rows, (-stroke, stroke)) if margin > -np.inf else ():
+            for row, step in itertools.product(rows, (-stroke, stroke)):
+                if margin <= least:
+                    break
                 moved = X_BP.copy()
                 moved[row, 3] += step
                 margin = min(margin, self._solved(moved, X_PE, q)[1])
-            if margin > -np.inf:
+            if margin > least:
+                least = margin
                 yield margin, q
 
     def _solved(self, X_BP: Array, X_PE: Array, seed: Array) -> tuple[Array, float]:
