@@ -111,22 +111,19 @@ class Robot:
 
     def _fingers(self) -> set[str]:
         """Return the joints on bodies that have two or more of them, of which none moves anything far."""
-        origins = {link: self.pose(link, {})[:3, 3] for link in self._tree.links}
-        reach, on_body, body = dict[str, float](), dict[str, list[Edge]](), dict[str, str]()
+        X, body = dict.fromkeys(self._tree.links, np.eye(4)), dict.fromkeys(self._tree.links, "")
+        starts, on_body, reach = dict[str, Array](), dict[str, list[str]](), dict.fromkeys(self.joints, 0.0)
         for edge in self._edges:
-            body[edge.child] = body.get(edge.parent, "") if edge.is_fixed else edge.child
-            if not edge.is_fixed and (base := body.get(edge.parent, "")):
-                on_body.setdefault(base, []).append(edge)
-        for link in self._tree.links:
-            for joint in self.movers(link):
-                far = math.dist(origins[link], self.pose(joint, {})[:3, 3])
-                reach[joint] = max(far, reach.get(joint, 0.0))
-        hands = [
-            edges
-            for edges in on_body.values()
-            if len(edges) > 1 and all(reach[edge.name] < _FINGER for edge in edges)
-        ]
-        return {edge.name for edges in hands for edge in edges}
+            X[edge.child] = X[edge.parent] @ edge.pose()
+            body[edge.child], starts[edge.name] = body[edge.parent], X[edge.child][:3, 3]
+            if not edge.is_fixed:
+                on_body.setdefault(body[edge.parent], []).append(edge.name)
+                body[edge.child] = edge.child
+            for joint in self.movers(edge.child):
+                reach[joint] = max(reach[joint], math.dist(X[edge.child][:3, 3], starts[joint]))
+        on_body.pop("", None)  # of the root
+        hands = [names for names in on_body.values() if len(names) > 1]
+        return {name for names in hands if all(reach[each] < _FINGER for each in names) for name in names}
 
     def movers(self, link: str) -> tuple[str, ...]:
         """Return the joints that move a link, from the root on; empty if there is no such link."""
