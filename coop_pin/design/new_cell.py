@@ -38,6 +38,8 @@ _PART, _UNITS = 0.5, ("m", "rad", "N", "N m")
 _SIDES: tuple[Side, ...] = ("sides", "ahead", "above")
 """Sides of a payload from which one robot takes it, the first with a common workspace."""
 _WAYS = {"sides": "from the sides", "ahead": "beside it with tools ahead", "above": "from above"}
+_RATES = (1.0, 2.0, 4.0)
+"""Multiples of the rate that are tried for each motion: spare joints of light arms ask for them."""
 _NEAREST = 0.05
 """Least distance of a base from the payload's centre, m."""
 
@@ -222,7 +224,7 @@ def _within_limits(draft: Scenario) -> Suggestion:
 def feasible(
     draft: Scenario, motions: Mapping[str, dict[str, Any]], propose: Callable[[Scenario], Any]
 ) -> tuple[Any, str]:
-    """Return the proposal for the first motion that has one, at the rate or at twice it, and a remark.
+    """Return the proposal for the first motion that has one, at the rate or a multiple of it, and a remark.
 
     Args:
         draft: scenario without a motion.
@@ -234,7 +236,7 @@ def feasible(
     """
     errors, rate = list[InfeasibleMotionError](), draft.clock.rate_hz
     for name, motion in motions.items():
-        for factor in (1.0, 2.0):
+        for factor in _RATES:
             clock = draft.clock.replace(rate_hz=factor * rate)
             changed = draft.replace(motion=motion, clock=clock)
             try:
