@@ -94,6 +94,7 @@ def arms_of_robot(
         raise UrdfError(reason, "arms.0", tools)
     if srdf is not None:
         tools = tuple(srdf.tips.get(tool, tool) for tool in tools)
+    locked = {tip: links.idle(tip, [other for other in tools if other != tip]) for tip in tools}
     movers = {tip: links.movers(tip) for tip in tools}
     own = {tip: _alone(tip, movers) for tip in tools}
     if idle := [tip for tip, joints in own.items() if not joints]:
@@ -105,21 +106,16 @@ def arms_of_robot(
     ways = {tip: links.pose(joints[0], {})[1, 3] for tip, joints in own.items()}
     tools = tuple(sorted(tools, key=lambda tip: (-round(ways[tip], 2), -links.pose(tip, {})[1, 3])))
     arms = {
-        name: Arm.from_urdf(
-            robot,
-            tip,
-            locked=links.idle(tip, [other for other in tools if other != tip]),
-            **files._asdict(),
-        )
+        name: Arm.from_urdf(robot, tip, locked=locked[tip], **files._asdict())
         for name, tip in zip(_names(len(tools)), tools, strict=True)
     }
     if srdf is not None:
         arms = {name: arm.replace(posture=srdf.posture(arm.moving_joints())) for name, arm in arms.items()}
     shared = [joint for joint in links.joints if sum(joint in chain for chain in movers.values()) > 1]
     angles = next(iter(arms.values())).locked
-    locked = ", ".join(f"{joint} at {angles[joint]:g}" for joint in shared)
+    held = ", ".join(f"{joint} at {angles[joint]:g}" for joint in shared)
     remark = (
-        f"no arm moves another: locked {locked}; a drive of their own: cell.shared_joints.{shared[0]}"
+        f"no arm moves another: locked {held}; a drive of their own: cell.shared_joints.{shared[0]}"
         if shared
         else ""
     )

@@ -232,7 +232,7 @@ def feasible(
         propose: function that returns a proposal for a scenario, or raises.
 
     Raises:
-        InfeasibleMotionError: that of the first motion: none has a proposal, nor has rest.
+        InfeasibleMotionError: one that no motion changes, or that of the first: neither it nor rest can be.
     """
     errors, rate = list[InfeasibleMotionError](), draft.clock.rate_hz
     for name, motion in motions.items():
@@ -249,7 +249,7 @@ def feasible(
                 words = f"{name}, at {factor * rate:g} Hz" if factor > 1.0 else name
                 return suggested, f"motion: {words}, because: {errors[0].detail}" if errors else ""
         if errors[-1].cause in ("torque", "rank", "friction"):
-            break  # which no other motion changes
+            raise errors[-1]  # which no other motion changes
     raise errors[0]
 
 

@@ -39,6 +39,8 @@ _STROKE = 0.1
 """Distance around the start, over the least reach, at which every arm can hold the payload."""
 _OFF_GROUND = 0.05
 """Least distance of the payload from the ground, m."""
+_IN_RANGE = 0.02
+"""Least part of a joint's range that is left around the start: the motion and the squeeze take some."""
 _GRAVITY = np.array((0.0, 0.0, -9.81))
 _SMALL, _FLUSH, _ACROSS = 1e-9, 1e-3, 0.4
 """Numbers that count as zero; length below which it does not tell where the tool points, m; cosine below
@@ -173,7 +175,7 @@ class ArmPlacement:
         """Return the configuration that holds the payload, and its margin; -inf if there is none."""
         solution = self._solver.solve(pin.SE3(X_BP @ X_PE), seed, steps=_STEPS)
         q = self._model.limits.wrap_near(solution.q, seed)
-        holds = solution.is_closed and not self._model.limits.violation(q).any()
+        holds = solution.is_closed and position_margin(self._model.limits, q) > _IN_RANGE
         if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
             holds = min(joint_heights(self._model, q).values()) >= 0.0
         return q, self._margin(q, X_BP) if holds else -np.inf
