@@ -187,7 +187,7 @@ def new(
     payload: Literal["box", "bar", "plate"] = "box",
     mass: float = 2.0,
     size: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="X Y Z")] = None,
-    grasp: Literal["sides", "above"] | None = None,
+    grasp: Literal["sides", "ahead", "above"] | None = None,
     layout: Literal["facing", "side-by-side"] = "facing",
     tips: Annotated[tuple[str, ...], tyro.conf.arg(metavar="LINK...")] = (),
     distance: float | None = None,
@@ -209,7 +209,7 @@ def new(
         payload: kind of the payload.
         mass: mass of the payload, kg.
         size: edges of the payload along x, y and z, m; those of its kind when omitted.
-        grasp: side from which the tools approach the payload; the sides when omitted, or else from above.
+        grasp: side from which the tools approach the payload; when omitted the first with a workspace.
         layout: bases all around the payload, or on one side of it.
         tips: tip of each arm; the link that is named like a tool when omitted.
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.

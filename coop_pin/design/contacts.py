@@ -24,7 +24,7 @@ _SAMPLES, _BEHIND = 200, 0.25
 _SMALL = 1e-9
 """Numbers that count as zero."""
 
-Side = Literal["above", "sides"]
+Side = Literal["above", "sides", "ahead"]
 Layout = Literal["facing", "side-by-side", "one-base"]
 
 
@@ -50,24 +50,31 @@ class Shoulders(NamedTuple):
     Attributes:
         middle: mean of their first joints, m, shape (3,).
         forward: level direction across the line between the first and the last, shape (3,).
+        floor: height of the lowest link that no arm moves, 0 or below, m.
     """
 
     middle: Array
     forward: Array
+    floor: float
 
     @classmethod
     def of(cls, arms: Iterable[Arm]) -> Shoulders:
         """Return the shoulders of arms from left to right; where they stand in line, forward is x."""
+        arms = [*arms]
         points = np.array([arm.robot.pose(arm.moving_joints()[0], arm.locked)[:3, 3] for arm in arms])
+        robot, angles = arms[0].robot, arms[0].locked
+        moving = {joint for arm in arms for joint in arm.moving_joints()}
+        still = (link for link in robot.links if not moving & {*robot.movers(link)})
+        floor = round(min(float(robot.pose(link, angles)[2, 3]) for link in still), 3)
         across = (points[0] - points[-1]) * (1.0, 1.0, 0.0)
         width = float(np.linalg.norm(across))
         forward = np.cross(across / width, np.eye(3)[2]) if width > _WIDTH else np.eye(3)[0]
-        return cls(points.mean(axis=0), forward)
+        return cls(points.mean(axis=0), forward, min(0.0, floor))
 
     @property
     def root(self) -> Shoulders:
         """The root link in place of the shoulders, with x forward."""
-        return Shoulders(np.zeros(3), np.eye(3)[0])
+        return Shoulders(np.zeros(3), np.eye(3)[0], self.floor)
 
 
 def faces_back(arms: Sequence[Arm]) -> bool:
@@ -104,6 +111,8 @@ def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterat
             else np.min(half[:2] / np.maximum(np.abs(outward[:2]), _SMALL))
         )
         point, approach = to_edge * outward, -outward
+        if side == "ahead":
+            approach = -np.array((np.cos(around), np.sin(around), 0.0))
         if side == "above":
             point, approach = _INSET * point + (0.0, 0.0, half[2]), -np.eye(3)[2]
         yield Contact(point, approach, around, shared)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -63,8 +63,9 @@ def arms_of_robot(
 ) -> tuple[dict[str, Arm], str]:
     """Return the arms of one robot from left to right, by name, and a remark on joints that move several.
 
-    Joints that move no tip or several are locked at their angles nearest to zero. Left is along +y. Groups of
-    an SRDF file stand for their tips, and its first state that has all joints of an arm is its posture.
+    Joints that move no tip or several are locked at their angles nearest to zero. Left is where arms begin
+    along +y, or end where they begin in line. Groups of an SRDF file stand for tips, and its first state
+    that has all joints of an arm is its posture.
 
     Args:
         robot: name or file of the robot.
@@ -93,28 +94,38 @@ def arms_of_robot(
         raise UrdfError(reason, "arms.0", tools)
     if srdf is not None:
         tools = tuple(srdf.tips.get(tool, tool) for tool in tools)
-    tools = tuple(sorted(tools, key=lambda tip: -float(links.pose(tip, {})[1, 3])))
-    arms = {
-        name: Arm.from_urdf(
-            robot,
-            tip,
-            locked=links.idle(tip, [other for other in tools if other != tip]),
-            **files._asdict(),
+    locked = {tip: links.idle(tip, [other for other in tools if other != tip]) for tip in tools}
+    movers = {tip: links.movers(tip) for tip in tools}
+    own = {tip: _alone(tip, movers) for tip in tools}
+    if idle := [tip for tip, joints in own.items() if not joints]:
+        listed = ", ".join(map(repr, tools))
+        reason = f"{str(robot)!r} has no two arms: of {listed}, {idle[0]!r} has no joint that moves it alone"
+        raise UrdfError(
+            f"{reason}; name the tips of its arms in tips, or two or more robots", "arms.0", tools
         )
+    ways = {tip: links.pose(joints[0], {})[1, 3] for tip, joints in own.items()}
+    tools = tuple(sorted(tools, key=lambda tip: (-round(ways[tip], 2), -links.pose(tip, {})[1, 3])))
+    arms = {
+        name: Arm.from_urdf(robot, tip, locked=locked[tip], **files._asdict())
         for name, tip in zip(_names(len(tools)), tools, strict=True)
     }
     if srdf is not None:
         arms = {name: arm.replace(posture=srdf.posture(arm.moving_joints())) for name, arm in arms.items()}
-    movers = [links.movers(tip) for tip in tools]
-    shared = [joint for joint in links.joints if sum(joint in chain for chain in movers) > 1]
+    shared = [joint for joint in links.joints if sum(joint in chain for chain in movers.values()) > 1]
     angles = next(iter(arms.values())).locked
-    locked = ", ".join(f"{joint} at {angles[joint]:g}" for joint in shared)
+    held = ", ".join(f"{joint} at {angles[joint]:g}" for joint in shared)
     remark = (
-        f"no arm moves another: locked {locked}; a drive of their own: cell.shared_joints.{shared[0]}"
+        f"no arm moves another: locked {held}; a drive of their own: cell.shared_joints.{shared[0]}"
         if shared
         else ""
     )
     return arms, remark
+
+
+def _alone(tip: str, movers: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the joints that move a tip and no other one, from the root on."""
+    others = {joint for other, joints in movers.items() if other != tip for joint in joints}
+    return [joint for joint in movers[tip] if joint not in others]
 
 
 def _names(count: int) -> list[str]:

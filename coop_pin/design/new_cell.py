@@ -21,7 +21,7 @@ from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.contacts import Layout, Shoulders, Side, contacts, faces_back
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot, named_arms
-from coop_pin.design.placement import ArmPlacement, common_places
+from coop_pin.design.placement import ArmPlacement, Place, common_places
 from coop_pin.design.suggestion import Suggestion, suggest
 from coop_pin.feasibility.motion_feasibility import joint_heights, require_rank
 from coop_pin.feasibility.reachability import reachability
@@ -35,6 +35,11 @@ _EDGES = {"box": (0.4, 0.3, 0.2), "bar": (0.8, 0.05, 0.05), "plate": (0.6, 0.4, 
 _POSES = 41
 _PART, _UNITS = 0.5, ("m", "rad", "N", "N m")
 """Part of what the task allows from which on a motion is slowed, and units of errors."""
+_SIDES: tuple[Side, ...] = ("sides", "ahead", "above")
+"""Sides of a payload from which one robot takes it, the first with a common workspace."""
+_WAYS = {"sides": "from the sides", "ahead": "beside it with tools ahead", "above": "from above"}
+_RATES = (1.0, 2.0, 4.0)
+"""Multiples of the rate that are tried for each motion: spare joints of light arms ask for them."""
 _NEAREST = 0.05
 """Least distance of a base from the payload's centre, m."""
 
@@ -74,8 +79,9 @@ def new_cell(
         mass: mass of the payload, kg; not used with a Payload.
         size: edges of the payload along x, y and z, m, shape (3,); those of its kind when omitted; not used
             with a Payload.
-        grasp: side from which the tools approach: "above", or horizontally, "sides"; when omitted the sides,
-            or from above where the arms have no common workspace there.
+        grasp: side from which the tools approach: "above", horizontally, "sides", or from where the arm
+            stands, "ahead"; when omitted the first with a workspace of these: the sides, ahead for one robot,
+            from above.
         layout: bases all around the payload, "facing", or on one side of it, "side-by-side".
         tips: tip of each arm; the link that is named like a tool when omitted. Joints that do not move it are
             locked.
@@ -96,7 +102,7 @@ def new_cell(
             "torque" (the payload is too heavy), "rank", or another one of ``cp.suggest``.
     """
     for argument, value, allowed in (
-        ("grasp", grasp or "sides", ("above", "sides")),
+        ("grasp", grasp or "sides", get_args(Side)),
         ("layout", layout, ("facing", "side-by-side")),
         ("motion", motion, get_args(MotionName)),
     ):
@@ -135,17 +141,9 @@ def new_cell(
         raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}: {command}") from None
     tell = progress or (lambda _: None)
     tell(f"places of the bases of {len(named)} arms")
-    side = ""
-    try:
-        height, stroke, places = common_places(placing, held, distance)
-    except InfeasibleMotionError as error:
-        if grasp is not None or is_planar or distance is not None:
-            raise
-        try:
-            height, stroke, places = common_places(_searches(named, held, "above", shape), held, distance)
-        except InfeasibleMotionError:
-            raise error from None
-        side = f"grasp: from above, because from the sides {error.detail}"
+    only_one = grasp is not None or is_planar or distance is not None
+    sides = (grasp or "sides",) if only_one else _SIDES if is_robot else ("sides", "above")
+    side, height, stroke, places = _placed(named, held, shape, sides, distance)
     by_arm = dict(zip(named, places, strict=True))
     start = Pose(xyz=(0.0, 0.0, height))
     robots = ", ".join(dict.fromkeys(Path(arm.urdf).stem for arm in named.values()))
@@ -179,6 +177,22 @@ def new_cell(
     return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *remarks))
 
 
+def _placed(
+    named: Mapping[str, Arm], held: Payload, layout: Layout, sides: Sequence[Side], distance: float | None
+) -> tuple[str, float, float, list[Place]]:
+    """Return a remark, and what ``common_places`` does of the first side with a common workspace."""
+    errors = list[InfeasibleMotionError]()
+    for side in sides:
+        try:
+            placed = common_places(_searches(named, held, side, layout), held, distance)
+        except InfeasibleMotionError as error:
+            errors.append(error)
+        else:
+            remark = f"grasp: {_WAYS[side]}, because {_WAYS[sides[0]]} {errors[0].detail}" if errors else ""
+            return remark, *placed
+    raise errors[0]
+
+
 def _searches(named: Mapping[str, Arm], held: Payload, side: Side, layout: Layout) -> list[ArmPlacement]:
     """Return the search for the place of each arm, with grasps from a side."""
     shoulders = Shoulders.of(named.values()) if layout == "one-base" else None
@@ -210,7 +224,7 @@ def _within_limits(draft: Scenario) -> Suggestion:
 def feasible(
     draft: Scenario, motions: Mapping[str, dict[str, Any]], propose: Callable[[Scenario], Any]
 ) -> tuple[Any, str]:
-    """Return the proposal for the first motion that has one, at the rate or at twice it, and a remark.
+    """Return the proposal for the first motion that has one, at the rate or a multiple of it, and a remark.
 
     Args:
         draft: scenario without a motion.
@@ -218,11 +232,11 @@ def feasible(
         propose: function that returns a proposal for a scenario, or raises.
 
     Raises:
-        InfeasibleMotionError: that of the first motion: none has a proposal, nor has rest.
+        InfeasibleMotionError: one that no motion changes, or that of the first: neither it nor rest can be.
     """
     errors, rate = list[InfeasibleMotionError](), draft.clock.rate_hz
     for name, motion in motions.items():
-        for factor in (1.0, 2.0):
+        for factor in _RATES:
             clock = draft.clock.replace(rate_hz=factor * rate)
             changed = draft.replace(motion=motion, clock=clock)
             try:
@@ -235,7 +249,7 @@ def feasible(
                 words = f"{name}, at {factor * rate:g} Hz" if factor > 1.0 else name
                 return suggested, f"motion: {words}, because: {errors[0].detail}" if errors else ""
         if errors[-1].cause in ("torque", "rank", "friction"):
-            break  # which no other motion changes
+            raise errors[-1]  # which no other motion changes
     raise errors[0]
 
 

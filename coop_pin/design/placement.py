@@ -39,9 +39,12 @@ _STROKE = 0.1
 """Distance around the start, over the least reach, at which every arm can hold the payload."""
 _OFF_GROUND = 0.05
 """Least distance of the payload from the ground, m."""
+_IN_RANGE = 0.02
+"""Least part of a joint's range that is left around the start: the motion and the squeeze take some."""
 _GRAVITY = np.array((0.0, 0.0, -9.81))
-_SMALL, _FLUSH = 1e-9, 1e-3
-"""Numbers that count as zero; length along the tool below which it does not tell where the tool points, m."""
+_SMALL, _FLUSH, _ACROSS = 1e-9, 1e-3, 0.4
+"""Numbers that count as zero; length below which it does not tell where the tool points, m; cosine below
+which the last joint's axis is across the tool."""
 
 
 class Place(NamedTuple):
@@ -131,10 +134,9 @@ class ArmPlacement:
             X_PE[:3, :3] = exp3(roll * self._contact.approach) @ self._R_WE
             X_PE[:3, 3] = self._contact.point
             X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
-            for margin, q in self._solutions(X_BP, X_PE, stroke):
-                if best is None or margin > best.margin:
-                    posture = tuple(self._model.joint_angles(q).tolist())
-                    best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
+            for margin, q in self._solutions(X_BP, X_PE, stroke, -np.inf if best is None else best.margin):
+                posture = tuple(self._model.joint_angles(q).tolist())
+                best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
         return best
 
     def base(self, distance: float, height: float, origin: Shoulders | None) -> Pose:
@@ -144,32 +146,36 @@ class ArmPlacement:
             yaw = np.arctan2(*-self._direction[1::-1]) - np.arctan2(fy, fx)
             ahead = exp3(yaw * np.eye(3)[2]) @ (origin.middle + distance * origin.forward)
             x, y, _ = (np.round(-ahead, 3) + 0.0).tolist()
-            return Pose(
-                xyz=(x, y, 0.0), rpy=(0.0, 0.0, round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6))
-            )
+            turn = round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6)
+            return Pose(xyz=(x, y, -origin.floor), rpy=(0.0, 0.0, turn))
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
         z = height - self.plane if self.is_planar else 0.0
         aim = self._contact.point
         yaw = np.arctan2(aim[1] - y, aim[0] - x)
         return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
 
-    def _solutions(self, X_BP: Array, X_PE: Array, stroke: float) -> Iterator[tuple[float, Array]]:
-        """Yield configurations that hold the payload and can move it by the stroke, with their margins."""
+    def _solutions(
+        self, X_BP: Array, X_PE: Array, stroke: float, least: float
+    ) -> Iterator[tuple[float, Array]]:
+        """Yield configurations that hold the payload and can move it by the stroke, each with more margin."""
         rows = [row for row in self._rows.indices if row < 3]
         for seed in self._seeds:
             q, margin = self._solved(X_BP, X_PE, seed)
-            for row, step in itertools.product(rows, (-stroke, stroke)) if margin > -np.inf else ():
+            for row, step in itertools.product(rows, (-stroke, stroke)):
+                if margin <= least:
+                    break
                 moved = X_BP.copy()
                 moved[row, 3] += step
                 margin = min(margin, self._solved(moved, X_PE, q)[1])
-            if margin > -np.inf:
+            if margin > least:
+                least = margin
                 yield margin, q
 
     def _solved(self, X_BP: Array, X_PE: Array, seed: Array) -> tuple[Array, float]:
         """Return the configuration that holds the payload, and its margin; -inf if there is none."""
         solution = self._solver.solve(pin.SE3(X_BP @ X_PE), seed, steps=_STEPS)
         q = self._model.limits.wrap_near(solution.q, seed)
-        holds = solution.is_closed and not self._model.limits.violation(q).any()
+        holds = solution.is_closed and position_margin(self._model.limits, q) > _IN_RANGE
         if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
             holds = min(joint_heights(self._model, q).values()) >= 0.0
         return q, self._margin(q, X_BP) if holds else -np.inf
@@ -186,7 +192,11 @@ class ArmPlacement:
 
 
 def _tool_axis(model: ArmModel, q: Array) -> Array:
-    """Return the direction of the tool in tip axes: the last joint's axis, away from the wrist."""
+    """Return the direction of the tool in tip axes: the last joint's axis, away from the wrist.
+
+    Where this axis is across the way from the nearest joint to the tip, as in a wrist that bends last, it is
+    that way.
+    """
     data = model.model.createData()
     pin.forwardKinematics(model.model, data, q)
     X_BE, last = model.tip_pose(q), model.model.frames[frame_id(model.model, "tip")].parentJoint
@@ -194,9 +204,12 @@ def _tool_axis(model: ArmModel, q: Array) -> Array:
     axis = column[3:] if column[3:].any() else column[:3]
     axis /= np.linalg.norm(axis)
     joint = last
-    while joint and abs(along := float(axis @ (X_BE[:3, 3] - data.oMi[joint].translation))) < _FLUSH:
+    while joint and np.linalg.norm(X_BE[:3, 3] - data.oMi[joint].translation) < _FLUSH:
         joint = model.model.parents[joint]
-    return X_BE[:3, :3].T @ (np.copysign(axis, axis * along) if joint else axis)
+    way = X_BE[:3, 3] - data.oMi[joint].translation if joint else axis
+    along = float(axis @ way) / float(np.linalg.norm(way))
+    bends = abs(along) < _ACROSS and bool(column[3:].any())
+    return X_BE[:3, :3].T @ (way / np.linalg.norm(way) if bends else np.copysign(axis, axis * along))
 
 
 def _triad(first: Array, second: Array) -> Array:
@@ -207,7 +220,7 @@ def _triad(first: Array, second: Array) -> Array:
 
 
 _Tried: TypeAlias = tuple[float, list[Place | None]]
-"""Height of the payload, and the place of each arm, None where it has none."""
+"""Height of the payload, and the place of each arm up to the first that has none."""
 
 
 def common_places(
@@ -240,14 +253,14 @@ def common_places(
     origins = [None] if shoulders is None else [shoulders.root, shoulders]
     tried, common = list[_Tried](), list[tuple[float, list[Place]]]()
     for origin in origins:
-        above = 0.0 if origin is None else origin.middle[2]
-        parts = _HEIGHTS if not above else _SHOULDER_HEIGHTS
+        above = 0.0 if origin is None else origin.middle[2] - origin.floor
+        parts = _SHOULDER_HEIGHTS if origin is shoulders and above else _HEIGHTS
         heights = sorted({round(max(ground, above + part * least), 2) for part in parts})
         if all(arm.is_planar for arm in arms):
             heights = [arms[0].plane]
         sets = [[distance]] if distance else [[]] if origin is None else [[one] for one in shortest.distances]
         new = [
-            (height, [arm.best(height, stroke, some or arm.distances, origin) for arm in arms])
+            (height, _places(arms, height, stroke, some, origin))
             for height, some in itertools.product(heights, sets)
         ]
         tried += new
@@ -264,12 +277,30 @@ def common_places(
     return height, stroke, places
 
 
+def _places(
+    arms: Sequence[ArmPlacement],
+    height: float,
+    stroke: float,
+    distances: list[float],
+    origin: Shoulders | None,
+) -> list[Place | None]:
+    """Return the place of each arm up to the first that has none; raises nothing."""
+    places = list[Place | None]()
+    for arm in arms:
+        places.append(arm.best(height, stroke, distances or arm.distances, origin))
+        if places[-1] is None:
+            break
+    return places
+
+
 def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[_Tried]) -> str:
     """Return the heights at which each arm can hold the payload, and what to change."""
     held = []
     for k, arm in enumerate(arms):
-        heights = dict.fromkeys(f"{height:g}" for height, places in tried if places[k] is not None)
-        held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
+        looked = [(height, places[k]) for height, places in tried if len(places) > k]
+        heights = dict.fromkeys(f"{height:g}" for height, there in looked if there is not None)
+        if looked:
+            held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
     every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
     return (
         f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Take a"

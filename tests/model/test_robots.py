@@ -10,6 +10,8 @@ from coop_pin.base.errors import FieldError, ScenarioError, UrdfError
 from coop_pin.base.spatial import make_pose
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
+from coop_pin.design.contacts import Shoulders, contacts
+from coop_pin.design.named_arms import RobotFiles, arms_of_robot
 from coop_pin.model.visuals import CellVisuals
 
 ANGLES = np.array((0.3, -1.2, 1.6, -1.0, -1.4, 0.2))
@@ -161,11 +163,45 @@ def test_a_new_cell_of_a_two_armed_robot_has_one_base_and_runs():
     assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
 
 
-@pytest.mark.parametrize(("robot", "tips"), [("ur5", ()), ("tiago_dual", ()), ("baxter", ("left_gripper",))])
+@pytest.mark.parametrize(("robot", "tips"), [("ur5", ()), ("solo12", ()), ("baxter", ("left_gripper",))])
 def test_a_robot_with_one_arm_or_unclear_ones_is_refused(robot, tips):
     with pytest.raises((UrdfError, FieldError)) as caught:
         cp.new_cell([robot], tips=tips)
     assert caught.value.path in ("arms.0", "tips")
+
+
+# ---------------------------------------------------------------- arms in the files of robots
+
+HANDS = {
+    "tiago_dual": ("hand_left_tool_link", "hand_right_tool_link"),  # beyond them are fingers
+    "romeo": ("l_gripper", "r_gripper"),
+    "talos_full_v2": ("wrist_left_ft_tool_link", "wrist_right_ft_tool_link"),  # as many joints in its legs
+    "centauro": ("ball1_tip", "ball2_tip"),  # four legs, and two links on each last body
+    "simple_humanoid": ("l_wrist", "r_wrist"),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name if name == "simple_humanoid" else pytest.param(name, marks=pytest.mark.gate) for name in HANDS],
+)
+def test_arms_end_before_fingers_and_are_no_legs_and_the_floor_is_under_the_feet(name):
+    arms, _ = arms_of_robot(name, (), RobotFiles((), {}))
+    assert tuple(arm.tip for arm in arms.values()) == HANDS[name]
+    shoulders, robot = Shoulders.of(arms.values()), arms["left"].robot
+    lowest = min(robot.pose(link, arms["left"].locked)[2, 3] for link in robot.links)
+    assert_allclose(shoulders.floor, lowest, atol=1e-3)
+    assert shoulders.middle[2] > 0.15
+
+
+def test_tools_ahead_point_from_the_robot_beside_the_payload():
+    """Arms side by side hold the same points as from the sides; around the payload nothing changes."""
+    box = cp.Payload.box(1.0, (0.4, 0.3, 0.2))
+    sides, ahead = ([*contacts(box, 2, side, "one-base")] for side in ("sides", "ahead"))
+    assert_allclose([each.point for each in ahead], [each.point for each in sides])
+    assert_allclose([each.approach for each in ahead], [(0.0, 1.0, 0.0)] * 2, atol=1e-12)
+    sides, ahead = ([*contacts(box, 3, side, "facing")] for side in ("sides", "ahead"))
+    assert_allclose([each.approach for each in ahead], [each.approach for each in sides], atol=1e-12)
 
 
 # ---------------------------------------------------------------- whole runs

@@ -24,6 +24,12 @@ _READABLE = "geometry/*[1][self::box or self::cylinder or self::sphere or self::
 
 _GRIPPER = ("gripper", "finger", "jaw")
 """Words in the names of a gripper's joints."""
+_FINGER = 0.2
+"""Longest finger, m: two or more joints on one body that move no more are those of a hand."""
+_NO_ARM = ("hip", "knee", "ankle", "foot", "wheel", "head", "neck")
+"""Words in the names of joints that move no arm."""
+_SENSORS = ("camera", "realsense", "optical", "imu", "laser", "sensor")
+"""Words in the names of links that hold nothing."""
 _TOOLS = ("tcp", "tool", "end_effector", "eef", "flange", "gripper")
 """Words in the names of frames made for tools, the best first."""
 
@@ -34,6 +40,7 @@ class Robot:
     Attributes:
         joints: type of every joint that is not fixed, by name, in the order of Pinocchio's q: depth first,
             siblings by name.
+        links: names of the links.
         leaves: the links without child joints.
         mimics: leader, multiplier and offset (rad or m) of the mimic joints by name.
     """
@@ -44,7 +51,8 @@ class Robot:
         self._tree = read_tree(self._root)
         self._edges = list(self._tree.edges())
         self.joints = {edge.name: edge.joint.get("type") for edge in self._edges if not edge.is_fixed}
-        self.leaves = tuple(link for link in self._tree.links if not self._tree.below.get(link))
+        self.links = tuple(self._tree.links)
+        self.leaves = tuple(link for link in self.links if not self._tree.below.get(link))
         self.mimics = self._tree.mimics()
 
     def locked(self, joints: Mapping[str, float]) -> dict[str, float]:
@@ -65,24 +73,57 @@ class Robot:
         return number(limit, "lower") or 0.0, number(limit, "upper") or 0.0
 
     def tools(self) -> tuple[str, ...]:
-        """Return the links that most joints move and no gripper's joint does: several if names do not tell.
+        """Return the links that most joints of an arm move, one for each body; several if names do not tell.
 
-        Of several, those whose name has the first of the words tcp, tool, end_effector, eef, flange and
-        gripper: of a robot with several arms one for each.
+        Joints of grippers, hands, legs and heads are no arm's, and sensors no tools. Of several links those
+        whose name has the first of the words tcp, tool, end_effector, eef, flange and gripper, and of those
+        on one body the farthest from its joint: of a robot with several arms one for each.
         """
         moved, gripper = dict.fromkeys(self._tree.links, 0), set[str]()  # numbers of joints; its links
+        fingers = self._fingers()
         for edge in self._edges:
-            if edge.parent in gripper or any(word in edge.name.lower() for word in _GRIPPER):
+            name = edge.name.lower()
+            if edge.parent in gripper or edge.name in fingers or any(word in name for word in _GRIPPER):
                 gripper.add(edge.child)
-            if edge.parent in moved and (edge.is_fixed or edge.child not in gripper):
+            is_beyond = not edge.is_fixed and (edge.child in gripper or any(word in name for word in _NO_ARM))
+            if edge.parent in moved and not is_beyond:
                 moved[edge.child] = moved[edge.parent] + (not edge.is_fixed)
             else:
                 moved.pop(edge.child, None)
+        moved = {
+            link: joints
+            for link, joints in moved.items()
+            if not (link in self.leaves and any(word in link.lower() for word in _SENSORS))
+        }
         held = {link: joints for link, joints in moved.items() if link not in gripper or link in self.leaves}
         inner = {edge.parent for edge in self._edges if edge.child in held}
         ends = [link for link in held if link not in inner and held[link] == max(held.values())]
         named = ([link for link in ends if word in link.lower()] for word in _TOOLS)
-        return tuple(next(filter(None, named), ends))
+        bodies = dict[tuple[str, ...], list[str]]()
+        for link in next(filter(None, named), ends):
+            bodies.setdefault(self.movers(link), []).append(link)
+        return tuple(self._farthest(joints, links) for joints, links in bodies.items())
+
+    def _farthest(self, joints: Sequence[str], links: Sequence[str]) -> str:
+        """Return the link of a body that is farthest from its joint."""
+        origin = self.pose(joints[-1], {})[:3, 3] if joints else np.zeros(3)
+        return max(links, key=lambda link: round(math.dist(self.pose(link, {})[:3, 3], origin), 6))
+
+    def _fingers(self) -> set[str]:
+        """Return the joints on bodies that have two or more of them, of which none moves anything far."""
+        X, body = dict.fromkeys(self._tree.links, np.eye(4)), dict.fromkeys(self._tree.links, "")
+        starts, on_body, reach = dict[str, Array](), dict[str, list[str]](), dict.fromkeys(self.joints, 0.0)
+        for edge in self._edges:
+            X[edge.child] = X[edge.parent] @ edge.pose()
+            body[edge.child], starts[edge.name] = body[edge.parent], X[edge.child][:3, 3]
+            if not edge.is_fixed:
+                on_body.setdefault(body[edge.parent], []).append(edge.name)
+                body[edge.child] = edge.child
+            for joint in self.movers(edge.child):
+                reach[joint] = max(reach[joint], math.dist(X[edge.child][:3, 3], starts[joint]))
+        on_body.pop("", None)  # of the root
+        hands = [names for names in on_body.values() if len(names) > 1]
+        return {name for names in hands if all(reach[each] < _FINGER for each in names) for name in names}
 
     def movers(self, link: str) -> tuple[str, ...]:
         """Return the joints that move a link, from the root on; empty if there is no such link."""

@@ -1,0 +1,138 @@
+"""Cells of real robot files, as ``coop-pin new`` writes them: made or refused, run, and how well they do.
+
+python tools/real_files.py FILES OUT             # all rows of real_files.tsv
+python tools/real_files.py FILES OUT yumi movo   # some of them
+
+FILES has ``pip/``, where packages were installed with ``pip install --no-deps --target``, and
+``git/OWNER/NAME/`` with the files of public repositories. Rows whose robots are plain names are of
+example-robot-data. A row whose first command is refused has the remedy that the refusal named, as further
+options or as an edit of the file, ``PATTERN => TEXT``; it is executed, and counts only if the cell then keeps
+its task.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import re
+import signal
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import coop_pin as cp
+from coop_pin.cli import main as main_of_cli
+
+_LOADED = cp.Simulation, cp.new_cell, cp.check
+"""What every command needs."""
+
+TABLE = Path(__file__).with_suffix(".tsv")
+RESULTS = TABLE.with_name("real_files_results.tsv")
+_COLUMNS = ("name", "traits", "outcome", "refused", "remedy", "motion", "mm", "N")
+_LIMIT, _REST = 1200, 1.0
+"""Longest time of a command, s; time that a run goes on after the motion, s."""
+
+
+def command(*words: str) -> tuple[int, str]:
+    """Return exit code and text of a command of coop-pin, in a process that has it loaded already."""
+    with tempfile.TemporaryFile("w+") as said:
+        if not (child := os.fork()):
+            for stream in (sys.stdout, sys.stderr):
+                os.dup2(said.fileno(), stream.fileno())
+            signal.alarm(_LIMIT)
+            code = main_of_cli([*words])
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+        _, status = os.waitpid(child, 0)
+        said.seek(0)
+        return status, said.read()
+
+
+def words(text: str, files: Path) -> list[str]:
+    """Return words, of which those that are paths stand in the folder of files."""
+    return [str(files / word) if word.startswith(("pip/", "git/")) else word for word in text.split()]
+
+
+def made(row: dict[str, str], files: Path, scenario: Path, options: str, edit: str = "") -> str:
+    """Write the cell of a row; return why it is refused, or nothing."""
+    scenario.unlink(missing_ok=True)
+    robots = words(row["robots"], files)
+    if edit:
+        pattern, _, text = edit.partition(" => ")
+        robots = [str(edited(Path(robot), pattern, text)) for robot in robots]
+    code, said = command("new", str(scenario), "--arms", *robots, *words(options, files))
+    scenario.with_suffix(".new.txt").write_text(said)
+    return "" if code == 0 else " ".join(said.partition("coop-pin: ")[2].split())[:400]
+
+
+def edited(file: Path, pattern: str, text: str) -> Path:
+    """Return a copy of a file beside it, in which a pattern is replaced."""
+    copy = file.with_name(f"edited_{file.name}")
+    copy.write_text(re.sub(pattern, text, file.read_text()))
+    return copy
+
+
+def outcome(row: dict[str, str], files: Path, out: Path) -> dict[str, str]:
+    """Return the row of results of a robot."""
+    scenario, folder = out / f"{row['name']}.toml", out / row["name"]
+    result = dict.fromkeys(_COLUMNS, "") | {"name": row["name"], "traits": row["traits"]}
+    if refusal := made(row, files, scenario, row["options"]):
+        result["refused"], result["remedy"] = refusal, row["remedy"] or row["edit"]
+        options = f"{row['options']} {row['remedy']}"
+        if not result["remedy"] or (refusal := made(row, files, scenario, options, row["edit"])):
+            return result | {"outcome": "refused", "refused": refusal}
+    motion = cp.Scenario.load(scenario).motion
+    end = getattr(motion, "start_time", 0.0) + getattr(motion, "duration", 0.0) + _REST
+    run = ("run", str(scenario), "--no-replay", "--no-figures", "--out", str(folder))
+    _, said = command(*run, "--duration", str(end))
+    scenario.with_suffix(".run.txt").write_text(said)
+    if not (folder / "metrics.json").is_file():
+        return result | {"outcome": "no run", "refused": " ".join(said.split())[-400:]}
+    metrics = json.loads((folder / "metrics.json").read_text())
+    numbers = (("mm", 1e3, "position_error_max_m"), ("N", 1.0, "internal_force_error_max_N"))
+    result["motion"] = _way(motion)
+    result |= {name: f"{scale * (metrics[key] or 0.0):.2g}" for name, scale, key in numbers}
+    return result | {"outcome": metrics["task"] if metrics["simulation_sound"] else "not sound"}
+
+
+def _way(motion: Any) -> str:
+    """Return kind and size of the motion that ``new`` wrote."""
+    if motion.kind != "line":
+        return str(motion.kind)
+    way = np.linalg.norm(np.subtract(motion.goal.xyz, motion.start.xyz))
+    turn = np.linalg.norm(motion.goal.rpy)
+    return f"line of {way:.2f} m, {turn:.2f} rad in {motion.duration:g} s"
+
+
+def main() -> None:
+    """Fill the rows of the results that are asked for, one after the other."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("files", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("names", nargs="*")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    with TABLE.open() as table:
+        rows = list(csv.DictReader(table, delimiter="\t"))
+    known = {}
+    if RESULTS.exists():
+        with RESULTS.open() as table:
+            known = {row["name"]: row for row in csv.DictReader(table, delimiter="\t")}
+    for row in rows:
+        if not arguments.names or row["name"] in arguments.names:
+            known[row["name"]] = outcome(row, arguments.files.resolve(), arguments.out.resolve())
+            print(*(known[row["name"]][name] for name in _COLUMNS), sep=" | ", flush=True)
+            with RESULTS.open("w") as table:
+                writer = csv.DictWriter(table, _COLUMNS, delimiter="\t", lineterminator="\n")
+                writer.writeheader()
+                writer.writerows(known[each["name"]] for each in rows if each["name"] in known)
+
+
+if __name__ == "__main__":
+    main()
