@@ -172,10 +172,13 @@ def interval(row: Any) -> str:
 
 
 def merged(kept: Comparison, new: Comparison) -> Comparison:
-    """Return the rows of both, the second's in place of the first's where both have them."""
-    first, second = kept.table, new.table
+    """Return the rows of both, the second's in place of the first's, by cell and controller."""
+    first, second, names = kept.table, new.table, controller_names()
     rows = pd.concat([first[~first.index.isin(second.index)], second])
-    return Comparison.of_cells(rows.loc[first.index.append(second.index).drop_duplicates()])
+    cells = first.index.append(second.index).drop_duplicates()
+    return Comparison.of_cells(
+        rows.loc[sorted(cells, key=lambda cell: (BENCHMARK.index(cell[0]), names.index(cell[1])))]
+    )
 
 
 def store(found: Comparison) -> None:
