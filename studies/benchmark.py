@@ -56,10 +56,11 @@ def text(found: Comparison, duration: float | None) -> str:
     length = "of the scenario's own length" if duration is None else f"of {duration:g} s"
     cells = ", ".join(f"`{name}`" for name in found.data["scenario"].values)
     others = ", ".join(f"`{name}`" for name in BENCHMARK if name not in found.data["scenario"].values)
+    missing = f" Not tuned yet, and so not run: {others}." if others else ""
     tuned = list(map(str, found.data["scenario"].values))
     return (
         f"{sizes['controller']} controllers, {sizes['trial']} trials, {cells}: {runs} runs {length},"
-        f" {finished} finished{verdicts}. Not tuned yet, and so not run: {others or 'none'}."
+        f" {finished} finished{verdicts}.{missing}"
         "\n\nMean rank of each controller over all cells and trials, 1 is the best, with an interval from"
         " 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n"
         f"{ranks(found)}\n\n{at_ends(tuned)}"
@@ -171,10 +172,13 @@ def interval(row: Any) -> str:
 
 
 def merged(kept: Comparison, new: Comparison) -> Comparison:
-    """Return the rows of both, the second's in place of the first's where both have them."""
-    first, second = kept.table, new.table
+    """Return the rows of both, the second's in place of the first's, by cell and controller."""
+    first, second, names = kept.table, new.table, controller_names()
     rows = pd.concat([first[~first.index.isin(second.index)], second])
-    return Comparison.of_cells(rows.loc[first.index.append(second.index).drop_duplicates()])
+    cells = first.index.append(second.index).drop_duplicates()
+    return Comparison.of_cells(
+        rows.loc[sorted(cells, key=lambda cell: (BENCHMARK.index(cell[0]), names.index(cell[1])))]
+    )
 
 
 def store(found: Comparison) -> None:

@@ -6,7 +6,9 @@ where none does it alone, two. Gains of the search with that bound are within it
 of coop_pin/comparison/gains.csv, writes ``value``, and measures what it costs in the trials of the search:
 studies/damped_gains.csv and a table of docs/studies/benchmark.md. Some minutes of one processor.
 
-Usage: python studies/damped_gains.py [--cells NAME ...] [--page]
+With --controllers, only those are lowered and measured, and the other rows stay.
+
+Usage: python studies/damped_gains.py [--cells NAME ...] [--controllers NAME ...] [--page]
 """
 
 from __future__ import annotations
@@ -24,7 +26,13 @@ from pages import markdown, write_block
 
 from coop_pin import Execution, Scenario, SweepPlan, sweep
 from coop_pin.base.errors import CoopPinError
-from coop_pin.comparison import BENCHMARK, benchmark_scenario, controllers_for, standard_trials
+from coop_pin.comparison import (
+    BENCHMARK,
+    benchmark_scenario,
+    controller_names,
+    controllers_for,
+    standard_trials,
+)
 from coop_pin.comparison.controllers import GAINS, t_lambda
 from coop_pin.comparison.measures import payload_damping, tuning_cost
 from coop_pin.comparison.tuned_gains import TUNED_SEED, TUNED_TRIALS
@@ -103,10 +111,10 @@ def damped(scenario: Scenario, gains: dict[str, float], lows: dict[str, float]) 
     return {field: float(f"{value:.3g}") for field, value in best.items()} or gains
 
 
-def lower(table: pd.DataFrame, cells: Sequence[str]) -> None:
-    """Lower what swings in some cells, and write the table after each controller."""
+def lower(table: pd.DataFrame, cells: Sequence[str], controllers: Sequence[str]) -> None:
+    """Lower what swings in some cells and laws, and write the table after each controller."""
     for (cell, name), rows in table.groupby(["scenario", "controller"], sort=False):
-        if cell not in cells or name in KEPT:
+        if cell not in cells or name not in controllers or name in KEPT:
             continue
         scenario = with_law(str(cell), str(name))
         searched = dict(zip(rows["field"], rows["searched"], strict=True))
@@ -185,13 +193,17 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cells", nargs="*", default=BENCHMARK, help="in which gains are lowered anew")
+    parser.add_argument("--controllers", nargs="*", default=controller_names(), help="all when omitted")
     parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "damped_gains")
     parser.add_argument("--page", action="store_true", help="only write the page, from the stored tables")
     asked = parser.parse_args()
     if not asked.page:
         table = pd.read_csv(GAINS)
-        lower(table, asked.cells)
-        rows = measured(table, asked.out)
+        lower(table, asked.cells, asked.controllers)
+        order, kept = table["scenario"].drop_duplicates(), pd.read_csv(DATA)
+        new = measured(table[table["controller"].isin(asked.controllers)], asked.out)
+        rows = pd.concat([kept[~kept["controller"].isin(asked.controllers)], new])
+        rows = rows.set_index("scenario").loc[order[order.isin(rows["scenario"])]].reset_index()
         rows.to_csv(DATA, index=False, float_format="%.4g", lineterminator="\n")
     write_block(PAGE, "damped", page_table(pd.read_csv(DATA)))
 

@@ -10,8 +10,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 WORDS = {
     word: str(number)
     for word, number in zip(
-        ("one", "two", "three", "five", "six", "nine", "ten", "sixteen", "thirty"),
-        (1, 2, 3, 5, 6, 9, 10, 16, 30),
+        ("one", "two", "three", "five", "six", "nine", "ten", "seventeen", "thirty"),
+        (1, 2, 3, 5, 6, 9, 10, 17, 30),
         strict=True,
     )
 }
