@@ -127,7 +127,7 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     gains = PayloadSpaceGains(
         pose_gain=gamma,
         sliding_gain=tuple((k * unit).round(9).tolist()),
-        sign_gain=fields["switching"].default.width * k_I,
+        sign_gain=round(fields["switching"].default.width * k_I, 9),
         anchor_gain=anchor_of(scenario, T)[1],
         transient_rate=squeeze_rate(scenario, gamma, scenario.clock.rate_hz),
     )
@@ -146,7 +146,11 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     limits = (
         f"sliding_gain: T lambda {T * fastest:.3g}, smallest lambda {slowest:.3g} /s, split_length"
         f" {cell.split_length:g} m",
-        f"posture damping {posture.damping:.3g} N m s/rad, by the inertia of what joints make spare",
+        *(
+            [f"posture damping {posture.damping:.3g} N m s/rad, by the inertia of what joints make spare"]
+            if any(b.shape[1] < arm.q.shape[1] for b, arm in zip(B, cell_reach.arms, strict=True))
+            else []
+        ),
         *(each.summary() for each in (along, loop)),
     )
     return suggested, limits

@@ -216,17 +216,18 @@ def suggest(
 def _beside_tools(scenario: Scenario, poses: int) -> Suggestion:
     """Return a proposal for arms of which some have tools; raises as ``suggest``."""
     require_rank(scenario.cell)
-    suggested, limit = with_tool_gains(scenario, _feasible(scenario, poses))
+    cell_reach = _feasible(scenario, poses)
+    suggested, limit = with_tool_gains(scenario, cell_reach)
     uncovered = "it is for arms that hold one payload, and some have tools"
-    return _as_stated(scenario, suggested, (limit,), uncovered)
+    return _as_stated(scenario, suggested, cell_reach, (limit,), uncovered)
 
 
 def _beside_joints(scenario: Scenario, poses: int) -> Suggestion:
     """Return a proposal for arms of which some hold by joints; raises as ``suggest``."""
-    suggested, limits = with_joint_gains(scenario, _feasible(scenario, poses))
-    return _as_stated(
-        scenario, suggested, limits, "it is for grasps that hold every row, and some are joints"
-    )
+    cell_reach = _feasible(scenario, poses)
+    suggested, limits = with_joint_gains(scenario, cell_reach)
+    uncovered = "it is for grasps that hold every row, and some are joints"
+    return _as_stated(scenario, suggested, cell_reach, limits, uncovered)
 
 
 def _feasible(scenario: Scenario, poses: int) -> Reachability:
@@ -237,9 +238,12 @@ def _feasible(scenario: Scenario, poses: int) -> Reachability:
 
 
 def _as_stated(
-    scenario: Scenario, suggested: Scenario, limits: tuple[str, ...], uncovered: str
+    scenario: Scenario, suggested: Scenario, cell_reach: Reachability, limits: tuple[str, ...], uncovered: str
 ) -> Suggestion:
-    """Return a proposal that changes the law alone."""
+    """Return a proposal that changes the law, and the steps in a tick that its wrists ask for."""
+    simulation = Simulation(suggested, build_controller(suggested))
+    suggested = _with_steps(suggested, step_stability(simulation, cell_reach))
+    limits = (*limits, f"plant: {suggested.clock.steps_per_tick} steps in a tick")
     kinds = [each.controller.kind for each in (scenario, suggested)]
     changed = f"law CHANGED from {kinds[0]!r} to {kinds[1]!r}: gains for such a cell are proposed for it"
     return Suggestion(

@@ -65,7 +65,7 @@ def payload_fit(
     prior = np.array([*sds, *[*np.repeat(priors.wrist, 3)] * len(names), *np.ones(len(kinematics.x))])
     first, X = samples[names[0]], [pin.SE3(arm.X_PE).toDualActionMatrix() for arm in arms.values()]
     Y = _regressors(arms[names[0]], first, np.array(scenario.cell.gravity))
-    wrenches = [samples[name].wrench - _weight(scenario, arms[name], samples[name].q) for name in names]
+    wrenches = [samples[name].wrench - hand_weight(scenario, arms[name], samples[name].q) for name in names]
     total = -sum((W @ F.T).T for W, F in zip(X, wrenches, strict=True))
     by_tilt = payload.mass * _by_tilt(closure, first.time, np.array(scenario.cell.gravity))
     spread = kinematics.spread
@@ -115,7 +115,7 @@ def _regressors(arm: CellArm, samples: Filtered, gravity: Array) -> Array:
     return Y
 
 
-def _weight(scenario: Scenario, arm: CellArm, position: Array) -> Array:
+def hand_weight(scenario: Scenario, arm: CellArm, position: Array) -> Array:
     """Return the weight of the hand behind a wrist in axes of the tip, shape (n, 6)."""
     stated = None if scenario.log is None else scenario.log.arms[arm.name]
     if stated is None or not stated.hand_mass:
@@ -136,6 +136,6 @@ def _free_hand(record: Record, scenario: Scenario, arm: CellArm, name: str) -> t
     if is_free.sum() < 2:
         return np.zeros(6), np.zeros(6)
     middle = int(np.searchsorted(samples.time, (start + end) / 2.0))
-    wrench = samples.wrench[is_free] - _weight(scenario, arm, samples.position[middle][None])
+    wrench = samples.wrench[is_free] - hand_weight(scenario, arm, samples.position[middle][None])
     variance = np.maximum(wrench.var(axis=0), 1e-12) / is_free.sum()
     return wrench.mean(axis=0), 1.0 / variance

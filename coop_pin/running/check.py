@@ -194,7 +194,7 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
     elif finding.kind == "reach" and not (scenario.cell.splits_load or scenario.cell.tools):
         with contextlib.suppress(CoopPinError):  # no branch reaches
             cell = with_best_postures(scenario, poses)[0].cell
-            yield {
+            changes = {
                 path: list(value or ())
                 for name, arm in cell.arms.items()
                 for path, value, stated in (
@@ -203,6 +203,8 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
                 )
                 if value != stated
             }
+            if changes:
+                yield changes
     elif finding.kind == "friction":
         if finding.value > 0.0:
             yield _scaled(scenario, MARGIN * finding.limit / finding.value)

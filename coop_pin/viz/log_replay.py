@@ -8,9 +8,10 @@ from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.answer import Blame
 from coop_pin.identification.filtering import filtered
+from coop_pin.identification.payload import hand_weight
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
-from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.joint_limits import JointLimits, limit_table
 from coop_pin.results.dataset import dataset
 from coop_pin.results.energies import work_names
 from coop_pin.results.quantities import quantities
@@ -37,11 +38,12 @@ def logged_run(answer: Blame) -> RunResult:
     changes = {"events": (), "network": None, "duration": float(time[-1] - time[0])}
     scenario = answer.scenario.replace(**changes).with_ideal_sensors
     model, joints = CellModel(scenario.cell, scenario.plant.payload), max(arm.nv for arm in arms)
-    sizes = dict.fromkeys(("patch", "shared", "base", "payload_joint"), 0)
+    sizes = dict.fromkeys(("shared", "base", "payload_joint"), 0)
+    sizes["patch"] = len(scenario.cell.patches) + len(scenario.cell.tables)
     sizes |= {"arm": len(arms), "joint": joints, "q": model.model.nq, "v": model.model.nv}
     samples = allocate(quantities(scenario), len(time), sizes)
     samples["configuration"][:] = np.eye(model.model.nq)[-1]  # a free payload, which is last, does not turn
-    limits, jacobians = np.full((4, len(arms), joints), np.nan), []
+    limits, jacobians = [JointLimits(scenario.cell.arms[arm.name], arm.name) for arm in arms], []
     for k, (arm, place) in enumerate(zip(arms, model.arms, strict=True)):
         one = filtered_arms[arm.name]
         entries = np.array([arm.configuration(angles) for angles in one.q])
@@ -50,16 +52,15 @@ def logged_run(answer: Blame) -> RunResult:
             _fill(samples, answer, scenario, time, np.array([arm.payload_pose(q) for q in entries]))
         samples["tip_position"][:, k] = [arm.tip_pose(q)[:3, 3] for q in entries]
         samples["torque"][:, k, : arm.nv] = one.tau @ arm.from_drive
-        wrench = one.wrench - _zero(answer, arm.name)
+        wrench = one.wrench - _zero(answer, arm.name) - hand_weight(answer.scenario, arm, one.q)
         samples["interaction_wrench"][:, k] = _about_payload(wrench, samples["payload_pose"], arm.X_PE)
         jacobians.append(np.array([arm.task_jacobian(q) for q in entries]))
-        known = JointLimits(scenario.cell.arms[arm.name], arm.name)
-        for row, values in zip(limits, (known.lower, known.upper, known.velocity, known.torque), strict=True):
-            row[k, : arm.nv] = np.where(np.isfinite(values), values, np.nan)
     each = filtered_arms.values()
     samples |= {"angles": [one.q for one in each], "rates": [one.v for one in each]}
     samples |= {"drive": [arm.drive for arm in arms], "jacobian": jacobians}
-    data = dataset(scenario, samples, [place.joint_names for place in model.arms], limits)
+    data = dataset(
+        scenario, samples, [place.joint_names for place in model.arms], limit_table(limits, joints)
+    )
     return RunResult(scenario, data.assign_attrs({RunResult.ENGINE: RunResult.LOGGED}))
 
 

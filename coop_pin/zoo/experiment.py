@@ -109,7 +109,7 @@ class Experiment(Description):
         """
         table = read_toml(file, kind="an experiment")
         try:
-            return cls(**table, folder=file.parent.resolve())
+            return cls(**{**table, "folder": file.parent.resolve()})
         except (FieldError, ScenarioError) as error:
             raise FileReadError(str(error), str(file)) from error
 
@@ -127,7 +127,8 @@ class Experiment(Description):
             short: run the short form, of the same code with fewer seconds, arms or draws.
 
         Raises:
-            FileReadError: its folder has no ``experiment.py``, or that no such function.
+            FileReadError: its folder has no ``experiment.py``, or no such function in it, or it cannot be
+                read, exits, or returns more or less than two values.
             NameNotFoundError: its folder has no ``cell.toml``, or a number names a claim that is not stated.
             ScenarioError: the cell has mistakes.
             WrongTypeError: the function returns something else than numbers and curves.
@@ -135,12 +136,18 @@ class Experiment(Description):
         file = self.folder / "experiment.py"
         spec: Any = importlib.util.spec_from_file_location(f"{self.folder.name}.experiment", file)
         module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-        if file.is_file():
-            spec.loader.exec_module(module)
-        if not hasattr(module, "reproduce"):
-            raise FileReadError("must define reproduce(cell, *, short)", str(file))
-        results = module.reproduce(Scenario.load(self.folder / "cell.toml"), short=short)
+        cell = Scenario.load(self.folder / "cell.toml")
+        try:
+            if file.is_file():
+                spec.loader.exec_module(module)
+            if not callable(getattr(module, "reproduce", None)):
+                raise FileReadError("must define reproduce(cell, *, short)", str(file))
+            results = module.reproduce(cell, short=short)
+        except (SyntaxError, SystemExit) as error:
+            raise FileReadError(f"{type(error).__name__}: {error}", str(file)) from error
         require_type("what reproduce returns", results, tuple)
+        if len(results) != 2:
+            raise FileReadError(f"reproduce returned {len(results)} values; two: numbers, curves", str(file))
         return self.reproduction(*results)
 
     def reproduction(self, numbers: Sequence[Measured], curves: Sequence[Trace]) -> Reproduction:
@@ -153,6 +160,7 @@ class Experiment(Description):
         claims = {claim.name: claim.unjudged for claim in self.claims}
         for number in numbers:
             require_type("a number", number, Measured)
+            require_type(f"the value of {number.text!r}", number.value, int, float)
             if number.claim not in claims:
                 raise NameNotFoundError("claim", number.claim, claims, f"experiment.toml of {self.name!r}")
         return Reproduction(self.name, claims, tuple(numbers), tuple(curves))

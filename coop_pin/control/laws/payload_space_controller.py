@@ -202,7 +202,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         """Return the drive torque of this tick and the state of the next.
 
         Raises:
-            SingularJacobianError: the payload Jacobian of an arm with spare joints loses rank.
+            SingularJacobianError: the payload Jacobian of an arm with spare joints, or too few, loses rank.
         """
         arm, gains, start = self.arm, self.gains, state.start
         c, K, J = arm.load_share, gains.sliding_gain, measurement.payload_jacobian
@@ -217,8 +217,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             grip = state.holds * self.guard.grips(measurement, reference, f_r)
             f_r = grip * f_r
         fhat, age = self._measured_wrench(measurement, f_r, reference.share(arm))
-        is_square = J.shape[0] == J.shape[1]
-        J_plus = None if is_square else full_rank_inverse(J, measurement.time)
+        is_used = J.shape[1] < J.shape[0] or self.posture is not None
+        J_plus = full_rank_inverse(J, measurement.time) if is_used else None
         error = _felt(fhat - f_r, J, J_plus)
         integral, anchor = self.integral.anchored(
             (state.integral, state.anchor),

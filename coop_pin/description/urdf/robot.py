@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -26,9 +27,9 @@ _GRIPPER = ("gripper", "finger", "jaw")
 """Words in the names of a gripper's joints."""
 _FINGER = 0.2
 """Longest finger, m: two or more joints on one body that move no more are those of a hand."""
-_NO_ARM = ("hip", "knee", "ankle", "foot", "wheel", "head", "neck")
+_NO_ARM = {"hip", "knee", "ankle", "foot", "wheel", "head", "neck"}
 """Words in the names of joints that move no arm."""
-_SENSORS = ("camera", "realsense", "optical", "imu", "laser", "sensor")
+_SENSORS = {"camera", "realsense", "optical", "imu", "laser", "sensor"}
 """Words in the names of links that hold nothing."""
 _TOOLS = ("tcp", "tool", "end_effector", "eef", "flange", "gripper")
 """Words in the names of frames made for tools, the best first."""
@@ -85,15 +86,17 @@ class Robot:
             name = edge.name.lower()
             if edge.parent in gripper or edge.name in fingers or any(word in name for word in _GRIPPER):
                 gripper.add(edge.child)
-            is_beyond = not edge.is_fixed and (edge.child in gripper or any(word in name for word in _NO_ARM))
+            is_beyond = not edge.is_fixed and (edge.child in gripper or bool(_words(edge.name) & _NO_ARM))
             if edge.parent in moved and not is_beyond:
                 moved[edge.child] = moved[edge.parent] + (not edge.is_fixed)
             else:
                 moved.pop(edge.child, None)
+        seeing = {link for link in self.leaves if _words(link) & _SENSORS}
+        bodies_left = {self.movers(link) for link in moved if link not in seeing}
         moved = {
             link: joints
             for link, joints in moved.items()
-            if not (link in self.leaves and any(word in link.lower() for word in _SENSORS))
+            if not (link in seeing and self.movers(link) in bodies_left)
         }
         held = {link: joints for link, joints in moved.items() if link not in gripper or link in self.leaves}
         inner = {edge.parent for edge in self._edges if edge.child in held}
@@ -223,3 +226,9 @@ def _joint_text(edge: Edge) -> str:
     torque = f"torque up to {effort:.4g} {effort_unit}" if effort else "effort not stated"
     leader = "" if mimic is None else f", mimics {mimic.get('joint')}"
     return f"{kind}, {edge.parent} to {edge.child}, {span}, {speed}, {torque}{leader}"
+
+
+def _words(name: str) -> set[str]:
+    """Return the words of a name, such as "left_hip_2", "LHipPitch" or "lhip", in small letters."""
+    words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
+    return words | {word[1:] for word in words if word[0] in "lr"}
