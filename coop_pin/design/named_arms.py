@@ -96,14 +96,14 @@ def arms_of_robot(
         tools = tuple(srdf.tips.get(tool, tool) for tool in tools)
     locked = {tip: links.idle(tip, [other for other in tools if other != tip]) for tip in tools}
     movers = {tip: links.movers(tip) for tip in tools}
-    own = {tip: _alone(tip, movers) for tip in tools}
-    if idle := [tip for tip, joints in own.items() if not joints]:
+    alone = {tip: _alone(tip, movers) for tip in tools}
+    if idle := [tip for tip, joints in alone.items() if not joints]:
         listed = ", ".join(map(repr, tools))
         reason = f"{str(robot)!r} has no two arms: of {listed}, {idle[0]!r} has no joint that moves it alone"
         raise UrdfError(
             f"{reason}; name the tips of its arms in tips, or two or more robots", "arms.0", tools
         )
-    ways = {tip: links.pose(joints[0], {})[1, 3] for tip, joints in own.items()}
+    ways = {tip: links.pose(joints[0], {})[1, 3] for tip, joints in alone.items()}
     tools = tuple(sorted(tools, key=lambda tip: (-round(ways[tip], 2), -links.pose(tip, {})[1, 3])))
     arms = {
         name: Arm.from_urdf(robot, tip, locked=locked[tip], **files._asdict())

@@ -31,11 +31,11 @@ class _Episode(NamedTuple):
     """A run as an episode.
 
     Attributes:
-        task: what is done in it.
-        rate: of its samples, Hz.
+        task: text of what is done.
+        rate: rate of its samples, Hz.
         features: shape and names of each feature.
-        values: of each feature, shape (n, k).
-        time: from 0, s, shape (n,).
+        values: values of each feature, shape (n, k).
+        time: time from 0, s, shape (n,).
     """
 
     task: str

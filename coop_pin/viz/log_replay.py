@@ -44,10 +44,10 @@ def logged_run(answer: Blame) -> RunResult:
     samples = allocate(quantities(scenario), len(time), sizes)
     samples["configuration"][:] = np.eye(model.model.nq)[-1]  # a free payload, which is last, does not turn
     limits, jacobians = [JointLimits(scenario.cell.arms[arm.name], arm.name) for arm in arms], []
-    for k, (arm, place) in enumerate(zip(arms, model.arms, strict=True)):
+    for k, (arm, slot) in enumerate(zip(arms, model.arms, strict=True)):
         one = filtered_arms[arm.name]
         entries = np.array([arm.configuration(angles) for angles in one.q])
-        samples["configuration"][:, place.q_slice] = entries
+        samples["configuration"][:, slot.q_slice] = entries
         if k == 0:
             _fill(samples, answer, scenario, time, np.array([arm.payload_pose(q) for q in entries]))
         samples["tip_position"][:, k] = [arm.tip_pose(q)[:3, 3] for q in entries]
@@ -58,9 +58,7 @@ def logged_run(answer: Blame) -> RunResult:
     each = filtered_arms.values()
     samples |= {"angles": [one.q for one in each], "rates": [one.v for one in each]}
     samples |= {"drive": [arm.drive for arm in arms], "jacobian": jacobians}
-    data = dataset(
-        scenario, samples, [place.joint_names for place in model.arms], limit_table(limits, joints)
-    )
+    data = dataset(scenario, samples, [slot.joint_names for slot in model.arms], limit_table(limits, joints))
     return RunResult(scenario, data.assign_attrs({RunResult.ENGINE: RunResult.LOGGED}))
 
 

@@ -243,6 +243,7 @@ def searched(scenarios, tmp_path_factory):
     return [scenarios[0], softer], folder, rows
 
 
+@pytest.mark.gate
 def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(searched, tmp_path):
     (_, scenario), folder, rows = searched
     names = ["payload-pd", "printed"]
@@ -417,6 +418,7 @@ def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
             assert all(ranges[field][0] <= value <= ranges[field][1] for field, value in gains.items())
 
 
+@pytest.mark.gate
 def test_the_cost_of_gains_is_the_mean_of_the_runs_of_four_trials(scenarios, searched):
     _, folder, (row, _) = searched
     scenario = benchmark_scenario(scenarios[0], 0.05)

@@ -173,6 +173,7 @@ def test_a_slow_load_on_the_plant(name):
     assert_allclose((errors.sag, errors.limit), (delta, 2.0 * delta))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_batch_is_the_single_run(name):
     scenario = cell_with(name, (1e-3, 0.0, 0.0), [(0.1, (30.0, 5.0, 0.0))], 0.6)

@@ -395,6 +395,7 @@ def refused(scenario):
     return caught.value.cause
 
 
+@pytest.mark.gate
 def test_what_a_cell_cannot_do_is_named_before_a_run(six):
     away = six.motion.replace(goal=cp.Pose(xyz=(0.0, 3.0, 0.0)))
     assert refused(six.replace(motion=away)) == "reach"
@@ -477,7 +478,7 @@ def test_a_law_that_has_a_proposal_is_kept_and_another_is_a_headline():
     assert printed.changes[0].startswith("law CHANGED from 'sliding-mode'")
 
 
-@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+@pytest.mark.parametrize("name", ["adept-anchored", pytest.param("two-pandas-box", marks=pytest.mark.slow)])
 def test_a_dead_zone_that_is_not_proposed_is_told(name):
     stated = cp.Scenario.load(name, {"events": ()})
     gains = stated.controller.gains.replace(anchor_gain=0.0)

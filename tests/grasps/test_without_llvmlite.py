@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -41,6 +42,7 @@ def run_all_without_llvmlite(path: str) -> None:
     np.savez(path, **everything)
 
 
+@pytest.mark.gate
 def test_every_scenario_of_the_catalogue_runs_and_springs_by_numpy_are_those_that_are_compiled(tmp_path):
     code = "import sys; sys.modules['llvmlite'] = None; import test_without_llvmlite as t; t.{}({!r})"
     path = tmp_path / "samples.npz"

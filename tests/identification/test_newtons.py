@@ -1,5 +1,6 @@
 """Newtons of causes: by runs where no formula covers the law, the law's shares, and ranks of blind draws."""
 
+import dataclasses
 import itertools
 
 import blame_logs
@@ -9,8 +10,10 @@ from blame_ranking import answers, is_first, unit_costs
 from log_cells import RICH
 
 import coop_pin as cp
+from coop_pin.description.log_table import LogTable
 from coop_pin.identification import Priors
 from coop_pin.identification.filtering import filtered
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.viz.log_replay import logged_run
 
 PRIORS = Priors(clock=3e-3, link=0.0)
@@ -67,6 +70,32 @@ def test_a_run_without_noise_is_explained_and_its_folder_is_a_log(changes, tmp_p
         assert np.nanmax(np.abs(drawn[name].values - there[name].values)[50:]) < most, name
     points = {"motion": {"kind": "waypoints", "points": list(motion.points)}, "duration": 4.0}
     assert cp.run(result.scenario, points, warn=False).limit_violations() == ()
+
+
+@pytest.mark.gate
+def test_the_weight_of_a_hand_behind_a_wrist_is_taken_off():
+    """A sensor that carries 1 kg, which the log states, is answered like one that carries nothing."""
+    scenario = cp.Scenario.load("two-pandas-box", {"duration": 3.0, "sensors": {"wrist": {}}})
+    record = cp.logs.Record.of_run(cp.run(scenario, warn=False))
+    left, arm = record.arms["left"], CellArm(scenario.cell, "left")
+    at = [np.interp(left.wrench_time, left.time, column) for column in left.position.T]
+    R = np.array([arm.tip_pose(arm.configuration(q))[:3, :3] for q in np.transpose(at)])
+    weight = np.hstack((-9.81 * R[:, 2], np.cross((0.0, 0.0, 0.05), -9.81 * R[:, 2])))
+    heavy = dataclasses.replace(left, wrench=left.wrench + weight)
+    loaded = dataclasses.replace(record, arms=record.arms | {"left": heavy})
+    arms = {name: {"joints": f"/{name}/joint_states"} for name in ("left", "right")}
+    arms["left"] |= {"hand_mass": 1.0, "hand_centre": (0.0, 0.0, 0.05)}
+    table = LogTable(arms=arms)
+    answers = cp.blame(record, scenario), cp.blame(loaded, scenario.replace(log=table))
+    forces = [logged_run(answer).data.internal_wrench.values for answer in answers]
+    assert np.nanmax(np.abs(forces[0] - forces[1])) < 1e-3
+
+
+@pytest.mark.gate
+def test_a_replay_of_a_log_has_the_pads_of_its_cell():
+    quiet = {"duration": 2.0, "events": (), "sensors": {"wrist": {}}}
+    answer = cp.blame(cp.run("two-pandas-palms", quiet, warn=False))
+    assert logged_run(answer).data.sizes["patch"] == 2
 
 
 @pytest.mark.parametrize("share", [0.47, pytest.param(0.51, marks=pytest.mark.slow)])

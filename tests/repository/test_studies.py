@@ -410,9 +410,10 @@ def test_what_was_lowered_is_in_its_table_and_on_the_page(damped):
     assert (rows["damping_after"] >= LEAST_DAMPING).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cell", "name"),
-    [("adept-anchored", "anchored"), pytest.param("kinova-pair", "mean-pose", marks=pytest.mark.slow)],
+    [("adept-anchored", "anchored"), ("kinova-pair", "mean-pose")],
 )
 def test_a_gain_is_lowered_by_as_little_as_the_bound_asks_for(damped, cell, name):
     gains = pd.read_csv(damped.GAINS)
@@ -682,6 +683,7 @@ def fit(draw):
     return paper_fit
 
 
+@pytest.mark.gate
 def test_the_ranges_beside_the_papers_axes_are_those_of_runs(fit):
     from pages import with_block
 

@@ -153,6 +153,26 @@ def copied(folder, code=None):
     return folder
 
 
+@pytest.mark.parametrize(
+    ("code", "error"),
+    [
+        ("import sys\n\ndef reproduce(cell, *, short):\n    sys.exit(0)\n", FileReadError),
+        ("def reproduce(cell, *, short)\n", FileReadError),
+        ("reproduce = 3\n", FileReadError),
+        ("def reproduce(cell, *, short):\n    return [], [], []\n", FileReadError),
+        (
+            "from coop_pin.zoo import Measured\n\ndef reproduce(cell, *, short):\n"
+            "    return [Measured('forces align by the object\\'s motion alone', 'n', 'abc')], []\n",
+            WrongTypeError,
+        ),
+    ],
+    ids=["exits", "does not parse", "no function", "three values", "a text for a number"],
+)
+def test_code_of_a_folder_that_ends_or_returns_something_else_is_an_error(tmp_path, code, error):
+    with pytest.raises(error):
+        load_experiment(copied(tmp_path / "paper", code)).run()
+
+
 STATED = """
 from coop_pin.zoo import Measured, Trace
 

@@ -59,14 +59,14 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
     for label, signals, end in [("exact", EXACT, ends[-1]), *(("noisy", NOISY, end) for end in ends)]:
         body, poses = estimates(cell, data, signals, slice(200, int(end)))
         gaps = np.array([np.linalg.inv(first @ X) @ X_PE for X, X_PE in zip(poses, grasps, strict=True)])
-        place = 1e3 * np.linalg.norm(gaps[:, :3, 3], axis=1).max()
+        distance = 1e3 * np.linalg.norm(gaps[:, :3, 3], axis=1).max()
         turn = np.degrees(Rotation.from_matrix(gaps[:, :3, :3]).magnitude().max())
         centre = 1e3 * float(np.linalg.norm(body.lever - np.linalg.inv(first)[:3, 3]))
         inertia = 100 * float(np.linalg.norm(body.inertia - true) / np.linalg.norm(true))
         fits.append((100 * abs(body.mass / load.mass - 1), inertia))
         if end == ends[-1]:
             numbers += [
-                Measured(GRASPS, f"{label}: worst place of a grasp", place, "mm", most=loose),
+                Measured(GRASPS, f"{label}: worst place of a grasp", distance, "mm", most=loose),
                 Measured(GRASPS, f"{label}: worst turn of a grasp", turn, "deg", most=loose / 10),
                 Measured(MASS, f"{label}: mass off", fits[-1][0], "%", most=loose),
                 Measured(MASS, f"{label}: centre off", centre, "mm", most=loose),
