@@ -38,7 +38,7 @@ def blame_html(answer: Blame) -> str:
         views=figure_image(views_figure(answer), "views of the arms over time"),
         replay=_replay(answer),
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
-        estimates="\n".join(map(_rows, fits)),
+        estimates="\n".join([*map(_rows, fits), _share_rows(answer)]),
         correction=html.escape(answer.corrected().to_toml(commented=True)),
     )
 
@@ -63,10 +63,29 @@ def save_blame(answer: Blame, path: str | Path) -> None:
 
 def _rows(fit: Fit) -> str:
     """Return the estimates of a fit as rows of a table."""
-    columns = (fit.x, 1.96 * fit.sd, fit.prior, fit.seen)
+    columns = (fit.x, 1.96 * fit.sd, fit.prior, np.clip(fit.seen, 0.0, 1.0))
     return "\n".join(
-        f'<tr><td>{html.escape(str(one))}</td><td class="number">{x:.4g} {one.unit}</td>'
-        f'<td class="number">{interval:.2g}</td><td class="number">{prior:.2g}</td>'
-        f'<td class="number">{np.clip(seen, 0.0, 1.0):.2f}</td></tr>'
+        _row(
+            str(one), one.valued(x), one.written[0] * interval, f"{one.written[0] * prior:.2g}", f"{seen:.2f}"
+        )
         for one, x, interval, prior, seen in zip(fit.parameters, *columns, strict=True)
     )
+
+
+def _share_rows(answer: Blame) -> str:
+    """Return the load shares of the law as rows, which have no prior; their force is proportional to them."""
+    share = answer.share
+    if share is None:
+        return ""
+    off = np.abs(np.array(share.sizes) - answer.scenario.cell.shares)
+    intervals = off * (share.high / max(share.newtons, 1e-12) - 1.0)
+    return "\n".join(
+        _row(str(one), one.valued(size), interval, "", "")
+        for one, size, interval in zip(share.members, share.sizes, intervals, strict=True)
+    )
+
+
+def _row(name: str, estimate: str, interval: float, *beside: str) -> str:
+    cells = (estimate, f"{interval:.2g}", *beside)
+    numbers = "".join(f'<td class="number">{cell}</td>' for cell in cells)
+    return f"<tr><td>{html.escape(name)}</td>{numbers}</tr>"
