@@ -12,6 +12,7 @@ from coop_pin.base.arrays import typed
 from coop_pin.figures.blame_figures import blame_figure, views_figure
 from coop_pin.identification.answer import Blame
 from coop_pin.identification.closure import Fit
+from coop_pin.identification.effects import friction_parameters
 from coop_pin.viz.log_replay import logged_run
 from coop_pin.viz.page import inside_page, save_page, web_file
 from coop_pin.viz.replay import replay_html
@@ -38,7 +39,7 @@ def blame_html(answer: Blame) -> str:
         views=figure_image(views_figure(answer), "views of the arms over time"),
         replay=_replay(answer),
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
-        estimates="\n".join([*map(_rows, fits), _share_rows(answer)]),
+        estimates="\n".join([*map(_rows, fits), _other_rows(answer)]),
         correction=html.escape(answer.corrected().to_toml(commented=True)),
     )
 
@@ -72,17 +73,20 @@ def _rows(fit: Fit) -> str:
     )
 
 
-def _share_rows(answer: Blame) -> str:
-    """Return the load shares of the law as rows, which have no prior; their force is proportional to them."""
-    share = answer.share
-    if share is None:
-        return ""
-    off = np.abs(np.array(share.sizes) - answer.scenario.cell.shares)
-    intervals = off * (share.high / max(share.newtons, 1e-12) - 1.0)
-    return "\n".join(
-        _row(str(one), one.valued(size), interval, "", "")
-        for one, size, interval in zip(share.members, share.sizes, intervals, strict=True)
-    )
+def _other_rows(answer: Blame) -> str:
+    """Return friction and the load shares of the law as rows: they have no prior."""
+    seen = [one for one in answer.friction if one.is_seen]
+    rows = [
+        _row(str(drive), f"{one.coulomb:+.3g} N m", 1.96 * one.sd[1], "", "")
+        for drive, one in zip(friction_parameters(seen), seen, strict=True)
+    ]
+    if answer.share is not None:  # its force is proportional to them
+        share = answer.share
+        off = np.abs(np.array(share.sizes) - answer.scenario.cell.shares)
+        intervals = off * (share.high / max(share.newtons, 1e-12) - 1.0)
+        columns = zip(share.members, share.sizes, intervals, strict=True)
+        rows += [_row(str(one), one.valued(size), interval, "", "") for one, size, interval in columns]
+    return "\n".join(rows)
 
 
 def _row(name: str, estimate: str, interval: float, *beside: str) -> str:

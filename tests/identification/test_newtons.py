@@ -11,6 +11,7 @@ from log_cells import RICH
 import coop_pin as cp
 from coop_pin.identification import Priors
 from coop_pin.identification.filtering import filtered
+from coop_pin.logs.topics import table_of
 from coop_pin.viz.log_replay import logged_run
 
 PRIORS = Priors(clock=3e-3, link=0.0)
@@ -80,6 +81,20 @@ def test_shares_of_the_law_that_are_not_those_of_the_cell_are_told(share):
     assert abs(answer.share.newtons - expected) < 0.05 * expected
 
 
+@pytest.mark.gate
+def test_known_shares_of_the_law_are_no_cause_and_found_ones_are_those_of_the_corrected_cell():
+    scenario = cp.Scenario.load("two-pandas-box", {"duration": 4.0, "sensors": {"wrist": {}}})
+    scenario = scenario.replace(log=table_of(scenario))
+    shares = {"left": 0.47, "right": 0.53}
+    record = cp.logs.Record.of_run(cp.run(scenario, {"cell.load_shares": shares}, warn=False))
+    answer = cp.blame(record, scenario, priors=PRIORS)
+    assert np.abs(np.array(answer.share.sizes) - (0.47, 0.53)).max() < 0.0015
+    for cell in (answer.corrected(), scenario.override({"log.shares": shares})):
+        other = cp.blame(record, cell, priors=PRIORS)
+        assert other.share not in other.causes
+        assert np.abs(np.array(other.share.sizes) - answer.share.sizes).max() < 1e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "classes"),
@@ -137,13 +152,16 @@ def test_five_logs_have_their_cause_first_and_their_force_in_the_corrected_cell(
     none = force(blame_logs.real(believed, ("clock", "right", 0, 0.0))[1].override(quiet))
     for number, culprit in enumerate(blame_logs.culprits(620), 1):
         answer = cp.blame(tmp_path / f"log_{number}.csv", tmp_path / "cell.toml")
-        part, arm, *_ = culprit
+        part, arm, _, value = culprit
         first = answer.causes[0]
         if part == "share":
             assert first is answer.share
+            assert np.abs(np.array(first.sizes) - (0.5 + value, 0.5 - value)).max() < 0.002
             continue
         axis = blame_logs.named(culprit)["axis"]
         assert (arm, part, axis) in [(one.arm, one.part, one.axis) for one in first.members], first
+        sizes = {(one.arm, one.axis): size for one, size in zip(first.members, first.sizes, strict=True)}
+        assert abs(sizes[arm, axis] - value) < 0.04 * abs(value)
         made, corrected = (
             float(np.linalg.norm(force(cell.override(quiet)) - none, axis=2).max(axis=1).mean())
             for cell in (blame_logs.real(believed, culprit)[1], answer.corrected())
