@@ -16,6 +16,8 @@ _ALONE = 0.9
 """Part of the square of a cause's force that one of its members makes alone."""
 _SMALL = 0.04
 """Standard deviation of a force below which it is told apart, N."""
+_SEEN = 0.9
+"""Part of the variance by the priors from which on the log decides, however small the force is."""
 _DRAWS = 400
 _LEVELS = (2.5, 97.5)
 """Percentiles of an interval."""
@@ -54,7 +56,7 @@ class Cause(NamedTuple):
     @property
     def is_seen(self) -> bool:
         """Whether the log, and not what was known before, says how much it makes."""
-        return self.seen > 0.5
+        return self.is_known or self.seen > _SEEN
 
     @property
     def name(self) -> str:
