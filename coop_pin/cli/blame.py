@@ -27,10 +27,11 @@ def blame(
     Args:
         log: CSV or MCAP file with the topics that the table log of the cell names, or the folder or result
             of a run.
-        cell: cell as its user believes it, a TOML file or a name listed by 'coop-pin list'; that of a run
-            when omitted.
+        cell: cell as its user believes it, a TOML file or a name listed by 'coop-pin list'. Omit it for a
+            run, whose own cell has its errors.
         link: relative error of the lengths of links that is possible, 2e-4 when omitted.
-        out: folder for the page blame.html and for corrected.toml, the cell that has the errors of the log.
+        out: folder for the page blame.html and for corrected.toml, the cell that has the errors of the log;
+            none of them when omitted.
 
     Raises:
         FileReadError: the file is missing or damaged, or has no such topic.

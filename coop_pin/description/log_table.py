@@ -42,7 +42,8 @@ class LogTable(Description):
         time: unit of the column "time" of a CSV file; stamps of messages are in seconds and nanoseconds.
         free: interval in which the hands were free and at rest, s from the start of the log. Without one, the
             zero of the squeeze is not seen.
-        shares: load shares that the law ran with; those of the cell when empty.
+        shares: load share of each arm that the law is known to have run with, in place of those of the cell,
+            as ``{left = 0.48, right = 0.52}``. What the log shows beside them is a cause.
     """
 
     arms: dict[str, ArmLog]

@@ -29,10 +29,11 @@ def blame_figure(answer: Blame) -> Figure:
         newtons, low, high = (
             np.array([getattr(one, part) for one in causes]) for part in ("newtons", "low", "high")
         )
-        colours = [palette.INTERNAL if one.is_known else palette.FREE for one in causes]
+        colours = [palette.INTERNAL if one.is_seen else palette.FREE for one in causes]
         panel.barh(at, newtons, color=colours, height=0.7)
         panel.hlines(at, low, high, color=palette.LIMIT, linewidth=1.0)
-        panel.set_yticks(at, [as_written(one.name) for one in causes], fontsize=7)
+        names = [", ".join(filter(None, (one.name, one.size * one.is_one))) for one in causes]
+        panel.set_yticks(at, [as_written(name) for name in names], fontsize=7)
         panel.invert_yaxis()
         panel.set_xlabel("internal force, mean over the log (N); grey: known by its prior alone")
     return figure

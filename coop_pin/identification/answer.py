@@ -11,7 +11,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause
 from coop_pin.identification.closure import Fit
 from coop_pin.identification.correction import correction
-from coop_pin.identification.effects import Effects
+from coop_pin.identification.effects import Effects, friction_parameters
 from coop_pin.identification.excitation import Excitation
 from coop_pin.identification.friction import DriveFriction
 from coop_pin.logs.record import Record
@@ -65,12 +65,15 @@ class Blame:
     def correction(self) -> dict[str, Any]:
         """Changes of the scenario with which a run has the errors of the log, by dotted path.
 
-        What the log does not tell apart has the likeliest values: their sum counts.
+        What the log does not tell apart has the likeliest values: their sum counts. Load shares are those of
+        the law: by them a run has the wrenches of the log, and no internal force of that cause.
         """
         fits = [fit for fit in (self.kinematics, self.payload) if fit is not None]
         values = {
             one: float(x) for fit in fits for one, x in zip(fit.parameters, fit.x, strict=True) if one.arm
         }
+        if self.share in self.causes and self.share is not None:
+            values |= dict(zip(self.share.members, self.share.sizes, strict=True))
         return correction(self.scenario, values) if values else {}
 
     def corrected(self) -> Scenario:
@@ -99,8 +102,7 @@ class Blame:
             lines.append(
                 f"  {self.views[0]:6.2f} N ({low:.2f} to {high:.2f})  all that the arms see differently"
             )
-            shown = [one for one in self.causes if one.newtons > _FLOOR or one.high > 10.0 * _FLOOR]
-            lines += [f"  {cause}{_words(cause)}" for cause in shown]
+            lines += [f"  {cause}{self._words(cause)}" for cause in self.causes if _is_shown(cause)]
             if self.share is not None and self.share not in self.causes:
                 lines.append(f"  below {self.share.high:.2f} N  load shares, which are those of the cell")
             if np.isfinite(self.unexplained):
@@ -110,11 +112,21 @@ class Blame:
                 lines.append(f"to see more: {self.excitation}")
         return "\n".join(lines)
 
+    def _words(self, cause: Cause) -> str:
+        """Return the size of a cause and what the log says of it, as text."""
+        if not cause.is_seen:
+            return (
+                f"; the log does not see {'it, its prior does' if cause.is_one else 'them, their priors do'}"
+            )
+        if cause.low <= _FLOOR or cause.newtons < cause.low:  # a norm is never negative
+            return "; not different from zero"
+        drives = zip(friction_parameters(self.friction), self.friction, strict=True)
+        size = cause.size or " or ".join(str(one) for drive, one in drives if drive in cause.members)
+        if cause.is_one:
+            return size and f", {size}"
+        return f": not told apart, only what they make together{size and f'; alone {size}'}"
 
-def _words(cause: Cause) -> str:
-    """Return what the log says of a cause, as text."""
-    if len(cause.members) == 1 or cause.members[0].part == "load share":
-        return "" if cause.is_known else "; the log does not see it, its prior does"
-    if not cause.is_known:
-        return "; the log does not see them, their priors do"
-    return ": not told apart, only what they make together"
+
+def _is_shown(cause: Cause) -> bool:
+    """Return whether a cause makes a force, or may make one that counts."""
+    return (cause.low if cause.is_seen else cause.newtons) > _FLOOR or cause.high > 10.0 * _FLOOR

@@ -90,6 +90,8 @@ def _read(log: Any, scenario: Any) -> tuple[Record, Scenario]:
     if scenario is None:
         raise ArgumentError("a log or a record needs its scenario: the cell and the law that ran")
     require_type("scenario", scenario, Scenario)
+    if scenario.log is not None and scenario.log.shares:
+        scenario = scenario.override({"cell.load_shares": scenario.log.shares, "log.shares": {}})
     if isinstance(log, RunResult):
         return Record.of_run(log), scenario
     if isinstance(log, str | Path):

@@ -12,8 +12,12 @@ from coop_pin.identification.effects import Effects
 
 _SHARED = 0.25
 """Part of the variances of two forces that is common to both from which on their parameters are one cause."""
+_ALONE = 0.9
+"""Part of the square of a cause's force that one of its members makes alone."""
 _SMALL = 0.04
 """Standard deviation of a force below which it is told apart, N."""
+_SEEN = 0.9
+"""Part of the variance by the priors from which on the log decides, however small the force is."""
 _DRAWS = 400
 _LEVELS = (2.5, 97.5)
 """Percentiles of an interval."""
@@ -27,12 +31,17 @@ class Cause(NamedTuple):
         newtons: norm of the force on an arm, mean over the record, at the estimate, N.
         low: 2.5 % of it, N.
         high: 97.5 % of it, N.
+        sizes: value of each member that alone makes the force, in the units of the members; NaN where none
+            does. Of load shares those of the law.
+        seen: 1 - variance of the force / that by the priors: 0 where the log says nothing.
     """
 
     members: tuple[Parameter, ...]
     newtons: float
     low: float
     high: float
+    sizes: tuple[float, ...]
+    seen: float
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -41,16 +50,42 @@ class Cause(NamedTuple):
 
     @property
     def is_known(self) -> bool:
-        """Whether the log, and not what was known before, says how much it makes."""
+        """Whether the interval is narrower than what it makes."""
         return self.high - self.low < max(self.newtons, _SMALL)
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether the log, and not what was known before, says how much it makes."""
+        return self.is_known or self.seen > _SEEN
 
     @property
     def name(self) -> str:
         """Its parts as text: "left tip or right tip"."""
+        if self.members[0].part == "load share":
+            return "load shares"
         parts: dict[tuple[str, str], list[str]] = {}
         for one in self.members:
             parts.setdefault((one.arm, one.part), []).append(one.axis)
         return " or ".join(f"{arm} {part}{_axes(axes)}" for (arm, part), axes in parts.items())
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is one parameter, or the load shares, and not a combination."""
+        return len(self.members) == 1 or self.members[0].part == "load share"
+
+    @property
+    def size(self) -> str:
+        """Size of its only member, or those of each that alone makes the force, as text; empty without."""
+        if self.members[0].part == "load share":
+            return ", ".join(
+                f"{one.arm} {size:.3f}" for one, size in zip(self.members, self.sizes, strict=True)
+            )
+        sizes = [
+            (str(one), one.valued(size))
+            for one, size in zip(self.members, self.sizes, strict=True)
+            if one.unit and np.isfinite(size)
+        ]
+        return " or ".join(size if len(self.members) == 1 else f"{name} {size}" for name, size in sizes)
 
     def __str__(self) -> str:
         """Return the cause as text."""
@@ -62,7 +97,7 @@ def _axes(axes: list[str]) -> str:
     return f" {', '.join(named)}" if 0 < len(named) < 6 else ""
 
 
-def ranked_causes(effects: Effects, x: Array, covariance: Array) -> tuple[Cause, ...]:
+def ranked_causes(effects: Effects, x: Array, covariance: Array, prior: Array) -> tuple[Cause, ...]:
     """Return causes by their force, the largest first.
 
     Two sets of parameters are one cause where their forces share more than a quarter of their variances. If
@@ -72,6 +107,7 @@ def ranked_causes(effects: Effects, x: Array, covariance: Array) -> tuple[Cause,
         effects: forces of all parameters.
         x: estimates, shape (p,).
         covariance: covariance of the estimates, shape (p, p).
+        prior: their standard deviations before, shape (p,).
     """
     columns = effects.force.reshape(-1, len(x))
     gram = columns.T @ columns / (effects.force.shape[0] * effects.force.shape[1])
@@ -92,7 +128,7 @@ def ranked_causes(effects: Effects, x: Array, covariance: Array) -> tuple[Cause,
         V[:, i] += V[:, j]
         V = np.delete(np.delete(V, j, axis=0), j, axis=1)
         sets[i] += sets.pop(j)
-    causes = [_cause(effects, sorted(one), x, covariance) for one in sets]
+    causes = [_cause(effects, gram, sorted(one), x, covariance, prior) for one in sets]
     return tuple(sorted(causes, key=lambda cause: -cause.newtons))
 
 
@@ -111,6 +147,14 @@ def force_interval(force: Array, x: Array, covariance: Array) -> tuple[float, fl
     return float(norms[0]), float(low), float(high)
 
 
-def _cause(effects: Effects, members: list[int], x: Array, covariance: Array) -> Cause:
-    of_members = effects.force[..., members], x[members], covariance[np.ix_(members, members)]
-    return Cause(tuple(effects.parameters[k] for k in members), *force_interval(*of_members))
+def _cause(
+    effects: Effects, gram: Array, members: list[int], x: Array, covariance: Array, prior: Array
+) -> Cause:
+    """Return the cause of some parameters, each alone with the size whose force is nearest to that of all."""
+    x, covariance, gram = x[members], covariance[np.ix_(members, members)], gram[np.ix_(members, members)]
+    along, squares = gram @ x, np.maximum(np.diag(gram), 1e-30)
+    makes_it = along**2 >= _ALONE * squares * (x @ along)
+    sizes = np.where(makes_it, along / squares, np.nan)
+    seen = 1.0 - (gram * covariance).sum() / max(float(squares @ prior[members] ** 2), 1e-30)
+    interval = force_interval(effects.force[..., members], x, covariance)
+    return Cause(tuple(effects.parameters[k] for k in members), *interval, tuple(sizes.tolist()), float(seen))

@@ -19,6 +19,8 @@ _STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
 """Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
 _ALIGNS = 5
 """Most steps of the clocks alone before."""
+_WRITTEN = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "s": (1e3, "ms"), "1": (1e2, "% of its length")}
+"""Units in which values are written, by that of the value."""
 
 
 class Priors(NamedTuple):
@@ -64,9 +66,17 @@ class Parameter(NamedTuple):
 
     def __str__(self) -> str:
         """Return its name as text."""
-        return (
-            " ".join(filter(None, self))[: -len(self.unit) - 1] if self.unit else " ".join(filter(None, self))
-        )
+        return " ".join(filter(None, self[:3]))
+
+    @property
+    def written(self) -> tuple[float, str]:
+        """Unit in which its values are written, in units of its own, and the name of that unit."""
+        return _WRITTEN.get(self.unit, (1.0, self.unit))
+
+    def valued(self, value: float) -> str:
+        """Return a value of it as text: "+1.32 N"."""
+        factor, unit = self.written
+        return f"{factor * value:+.3g} {unit}" if unit else f"{value:.3g}"
 
 
 class Fit(NamedTuple):

@@ -14,7 +14,7 @@ from coop_pin.model.cell_arm import CellArm
 def correction(
     scenario: Scenario, values: Mapping[Parameter, float], *, noise: bool = True
 ) -> dict[str, Any]:
-    """Return changes by dotted path: errors of the arms' models, zeros of their wrists, and their clocks.
+    """Return changes by dotted path: errors of the arms' models, zeros of wrists, clocks, load shares.
 
     Args:
         scenario: cell and law, whose own errors of the arms' models are replaced.
@@ -42,6 +42,8 @@ def correction(
             sensors["wrist"] = sensors.get("wrist", {}) | {"offset": offset}
         if has_wrists or not noise:
             changes[f"arm_sensors.{name}"] = sensors
+    if shares := {one.arm: value for one, value in values.items() if one.part == "load share"}:
+        changes["cell.load_shares"] = shares
     clocks = {one.arm: {"offset": value} for one, value in values.items() if one.part == "clock"}
     network: dict[str, Any] = (
         {} if scenario.network is None else scenario.network.model_dump(exclude_none=True)

@@ -37,6 +37,10 @@ class DriveFriction(NamedTuple):
     sd: tuple[float, float]
     residual: float
 
+    def __str__(self) -> str:
+        """Return its size as text."""
+        return f"{self.coulomb:.3g} N m and {self.viscous:.3g} N m s/rad"
+
     @property
     def is_seen(self) -> bool:
         """Whether the motion reversed."""

@@ -152,7 +152,7 @@ def prior_findings(kinematics: Fit, payload: Fit | None) -> Iterator[Finding]:
         if far[worst] > _BEYOND:
             one = fit.parameters[worst]
             sentence = (
-                f"{one} would be {fit.x[worst]:.3g} {one.unit}, {far[worst]:.1f} times its prior: state a"
+                f"{one} would be {one.valued(fit.x[worst])}, {far[worst]:.1f} times its prior: state a"
                 " larger prior, or the cell is another one (bases, grasps, payload)"
             )
             yield Finding("log", str(one), "warning", sentence, float(far[worst]), _BEYOND)

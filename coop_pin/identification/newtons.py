@@ -55,12 +55,12 @@ def newtons(
         priors: knowledge before the log.
     """
     seen = [one for one in friction if one.is_seen]
-    parameters, x, covariance = _estimates(closure, kinematics, payload, seen)
+    parameters, x, covariance, prior = _estimates(closure, kinematics, payload, seen)
     reason, p = uncovered(scenario), len(kinematics.x)
     try:
         runs = _runs(scenario, parameters, seen, x, covariance, record, closure) if reason else None
         made = _by_formula(scenario, parameters, seen, record, closure) if runs is None else runs.effects
-        causes = ranked_causes(made, x, covariance)
+        causes = ranked_causes(made, x, covariance, prior)
         views = force_interval(made.force[..., :p], x[:p], covariance[:p, :p])
         if runs is not None:
             views, causes = _simulated(runs, views, causes, dict(zip(parameters, x, strict=False)))
@@ -78,8 +78,8 @@ def newtons(
 
 def _estimates(
     closure: ViewClosure, kinematics: Fit, payload: Fit | None, friction: Sequence[DriveFriction]
-) -> tuple[list[Parameter], Array, Array]:
-    """Return the parameters that make a force but friction, and estimates and covariance with friction."""
+) -> tuple[list[Parameter], Array, Array, Array]:
+    """Return the parameters that make a force but friction; with it estimates, covariance and prior sds."""
     axes = {FRAME_AXES[k] for k in closure.rows.indices}
     fits = [(kinematics, [*range(len(kinematics.x))])]
     if payload is not None:
@@ -89,7 +89,8 @@ def _estimates(
     factors = [min(one.sd[1] / max(abs(one.coulomb), 1e-9), 1.0) ** 2 for one in friction]
     x = np.concatenate([*(fit.x[kept] for fit, kept in fits), np.ones(len(friction))])
     covariance = block_diag(*(fit.covariance[np.ix_(kept, kept)] for fit, kept in fits), np.diag(factors))
-    return [fit.parameters[k] for fit, kept in fits for k in kept], x, covariance[: len(x), : len(x)]
+    prior = np.concatenate([*(fit.prior[kept] for fit, kept in fits), np.ones(len(friction))])
+    return [fit.parameters[k] for fit, kept in fits for k in kept], x, covariance[: len(x), : len(x)], prior
 
 
 def _by_formula(
@@ -100,7 +101,7 @@ def _by_formula(
     closure: ViewClosure,
 ) -> Effects:
     grasps = scenario.cell.grasps
-    response = LawResponse.of(scenario, _shares(scenario))
+    response = LawResponse.of(scenario, np.array(scenario.cell.shares))
     return effects(record, closure, response, parameters, friction, lambda t: scenario.squeeze.at(t, grasps))
 
 
@@ -145,12 +146,6 @@ def _simulated(
     return (together, low, high), tuple(sorted(scaled, key=lambda cause: -cause.newtons))
 
 
-def _shares(scenario: Scenario) -> Array:
-    """Return the load shares that the law is said to have, shape (m,)."""
-    stated = {} if scenario.log is None else scenario.log.shares
-    return np.array([stated.get(name, scenario.cell.share(name)) for name in scenario.cell.arms])
-
-
 def _left(
     made: Effects,
     x: Array,
@@ -167,7 +162,8 @@ def _left(
     linear = [k for k in closure.rows.indices if k < 3]
     force, f_d, times = _read(scenario, closure, samples)
     total = force.sum(axis=1, keepdims=True)
-    read = force - np.array(scenario.cell.shares)[:, None] * total - f_d
+    stated = np.array(scenario.cell.shares)
+    read = force - stated[:, None] * total - f_d
     at = np.clip(np.searchsorted(made.times, times), 0, len(made.times) - 1)
     f_d = f_d if made.without is None else made.without[at]
     reading = made.reading[at]
@@ -184,7 +180,8 @@ def _left(
     size = float(np.linalg.norm(total, axis=1).mean())
     newtons, half = size * abs(float(shares[arm])), 1.96 * size * float(np.sqrt(variance))
     members = tuple(Parameter(name, "load share", "", "") for name in closure.arms)
-    share = Cause(members, newtons, max(newtons - half, 0.0), newtons + half)
+    sizes = tuple((stated + shares - stated * shares.sum()).tolist())
+    share = Cause(members, newtons, max(newtons - half, 0.0), newtons + half, sizes, 1.0)
     norms = np.sqrt(np.maximum(np.array((whole, rms)) - noise, 0.0))
     return float(norms[0]), float(norms[1]), share
 

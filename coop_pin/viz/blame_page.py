@@ -12,6 +12,7 @@ from coop_pin.base.arrays import typed
 from coop_pin.figures.blame_figures import blame_figure, views_figure
 from coop_pin.identification.answer import Blame
 from coop_pin.identification.closure import Fit
+from coop_pin.identification.effects import friction_parameters
 from coop_pin.viz.log_replay import logged_run
 from coop_pin.viz.page import inside_page, save_page, web_file
 from coop_pin.viz.replay import replay_html
@@ -38,7 +39,7 @@ def blame_html(answer: Blame) -> str:
         views=figure_image(views_figure(answer), "views of the arms over time"),
         replay=_replay(answer),
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
-        estimates="\n".join(map(_rows, fits)),
+        estimates="\n".join([*map(_rows, fits), _other_rows(answer)]),
         correction=html.escape(answer.corrected().to_toml(commented=True)),
     )
 
@@ -63,10 +64,32 @@ def save_blame(answer: Blame, path: str | Path) -> None:
 
 def _rows(fit: Fit) -> str:
     """Return the estimates of a fit as rows of a table."""
-    columns = (fit.x, 1.96 * fit.sd, fit.prior, fit.seen)
+    columns = (fit.x, 1.96 * fit.sd, fit.prior, np.clip(fit.seen, 0.0, 1.0))
     return "\n".join(
-        f'<tr><td>{html.escape(str(one))}</td><td class="number">{x:.4g} {one.unit}</td>'
-        f'<td class="number">{interval:.2g}</td><td class="number">{prior:.2g}</td>'
-        f'<td class="number">{np.clip(seen, 0.0, 1.0):.2f}</td></tr>'
+        _row(
+            str(one), one.valued(x), one.written[0] * interval, f"{one.written[0] * prior:.2g}", f"{seen:.2f}"
+        )
         for one, x, interval, prior, seen in zip(fit.parameters, *columns, strict=True)
     )
+
+
+def _other_rows(answer: Blame) -> str:
+    """Return friction and the load shares of the law as rows: they have no prior."""
+    seen = [one for one in answer.friction if one.is_seen]
+    rows = [
+        _row(str(drive), f"{one.coulomb:+.3g} N m", 1.96 * one.sd[1], "", "")
+        for drive, one in zip(friction_parameters(seen), seen, strict=True)
+    ]
+    if answer.share is not None:  # its force is proportional to them
+        share = answer.share
+        off = np.abs(np.array(share.sizes) - answer.scenario.cell.shares)
+        intervals = off * (share.high / max(share.newtons, 1e-12) - 1.0)
+        columns = zip(share.members, share.sizes, intervals, strict=True)
+        rows += [_row(str(one), one.valued(size), interval, "", "") for one, size, interval in columns]
+    return "\n".join(rows)
+
+
+def _row(name: str, estimate: str, interval: float, *beside: str) -> str:
+    cells = (estimate, f"{interval:.2g}", *beside)
+    numbers = "".join(f'<td class="number">{cell}</td>' for cell in cells)
+    return f"<tr><td>{html.escape(name)}</td>{numbers}</tr>"

@@ -1,5 +1,6 @@
 """Command ``blame`` on the committed log, whose cell does not know what is off."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -20,6 +21,8 @@ def test_the_committed_log_has_its_answer_page_and_correction(tmp_path, capsys):
     assert "left base x or right base x" in out
     assert "left wrist y" in out
     assert "right clock" in out
+    assert abs(float(re.search(r"left wrist y, (\S+) N", out)[1]) - 1.5) < 0.05
+    assert abs(float(re.search(r"right base x (\S+) mm", out)[1]) - 2.0) < 0.1
     page = (tmp_path / "blame.html").read_text()
     assert page.count("data:image/svg+xml") == 2
     table = tomllib.loads((tmp_path / "corrected.toml").read_text())

@@ -136,6 +136,33 @@ def test_newtons_by_formula_are_those_of_runs():
         assert abs(predicted - seen) < max(0.1 * seen, 0.01), name
 
 
+def test_a_size_alone_makes_the_force_of_its_cause(case):
+    answer, pairs = case[-1], 0
+    columns_of = dict(zip(answer.effects.parameters, np.moveaxis(answer.effects.force, -1, 0), strict=True))
+    values = {
+        one: x
+        for fit in (answer.kinematics, answer.payload)
+        for one, x in zip(fit.parameters, fit.x, strict=True)
+    }
+    for cause in answer.causes:
+        if cause.members[0].part in ("friction", "load share"):
+            continue
+        made = sum(values[one] * columns_of[one] for one in cause.members)
+        for one, size in zip(cause.members, cause.sizes, strict=True):
+            if np.isfinite(size):
+                assert np.linalg.norm(made - size * columns_of[one]) < 0.32 * np.linalg.norm(made) + 1e-9
+                pairs += len(cause.members) > 1
+        if len(cause.members) == 1 and cause.newtons > 0.0:
+            assert np.isclose(cause.sizes[0], values[cause.members[0]])
+    assert pairs > 1
+
+
+def test_a_wrist_whose_zero_is_found_to_be_none_is_seen(case):
+    wrists = [one for one in case[-1].causes if one.members[0].part == "wrist" and one.high > 0.0]
+    assert len(wrists) > 3
+    assert all(one.is_seen for one in wrists)
+
+
 def test_at_rest_the_law_holds_what_its_steady_state_says():
     """Closed form: c_i k_I K gamma (b_i - bbar) / beta, minus the internal part of a wrist's zero."""
     scenario = scenario_of("turning")
