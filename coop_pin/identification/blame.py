@@ -101,8 +101,12 @@ def _read(log: Any, scenario: Any) -> tuple[Record, Scenario]:
 
 
 def _require_views(scenario: Scenario) -> None:
-    """Refuse cells whose arms do not see the payload by their joints alone."""
+    """Refuse cells of one arm, and those whose arms do not see the payload by their joints alone."""
     cell = scenario.cell
+    if len(cell.arms) < 2:
+        raise ArgumentError(
+            "blame compares the views that arms have of the payload, and the cell has one arm"
+        )
     moving = [name for name, joint in cell.shared_joints.items() if joint.follow != "hold"]
     moving += [f"{name}.mobile_base" for name in cell.wheels]
     for names, detail in (

@@ -255,6 +255,10 @@ def test_misuse_is_refused_and_blamed_on_no_joint(name):
 def test_a_log_without_a_cell_is_refused_and_a_law_without_a_formula_is_named():
     with pytest.raises(ArgumentError):
         cp.blame("log.csv")
+    pair = cp.Scenario.load("two-pandas-box")
+    left = {"arms": {"left": pair.cell.arms["left"]}, "grasps": {"left": pair.cell.grasps["left"]}}
+    with pytest.raises(ArgumentError):
+        cp.blame(cp.run(pair.replace(cell=pair.cell.replace(**left), squeeze={}, duration=0.2), warn=False))
     assert "sliding-mode" in uncovered(cp.Scenario.load("adept-paper"))
     assert uncovered(cp.Scenario.load("two-pandas-box")) == ""
 
