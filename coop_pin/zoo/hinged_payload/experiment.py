@@ -1,4 +1,4 @@
-"""Hinged payload: two arms turn a gate, a bar and a box as hinges let them, without moment about the axis."""
+"""Hinged payload: two arms turn a gate, a bar and a box as hinges let them."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Unknown load without messages: each robot adapts its own estimates of load, friction and its own place."""
+"""Unknown load: each robot adapts its own estimates of load, friction and its own place."""
 
 from typing import Any
 
