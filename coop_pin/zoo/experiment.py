@@ -136,13 +136,12 @@ class Experiment(Description):
         file = self.folder / "experiment.py"
         spec: Any = importlib.util.spec_from_file_location(f"{self.folder.name}.experiment", file)
         module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-        cell = Scenario.load(self.folder / "cell.toml")
         try:
             if file.is_file():
                 spec.loader.exec_module(module)
             if not callable(getattr(module, "reproduce", None)):
                 raise FileReadError("must define reproduce(cell, *, short)", str(file))
-            results = module.reproduce(cell, short=short)
+            results = module.reproduce(Scenario.load(self.folder / "cell.toml"), short=short)
         except (SyntaxError, SystemExit) as error:
             raise FileReadError(f"{type(error).__name__}: {error}", str(file)) from error
         require_type("what reproduce returns", results, tuple)
