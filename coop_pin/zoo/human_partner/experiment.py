@@ -50,8 +50,8 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
         way = np.linalg.norm(data.payload_position.values - start, axis=1)
         curves.append(Trace(f"arms that {label}", data.time.values, 1e3 * way))
         goal = np.array(hand.goal.xyz)
-        left = np.linalg.norm(data.payload_position.values[-1] - goal)
-        done = 100.0 * (1.0 - left / np.linalg.norm(goal - start))
+        left = float(np.linalg.norm(data.payload_position.values[-1] - goal))
+        done = 100.0 * (1.0 - left / float(np.linalg.norm(goal - start)))
         limits = {"most": 10.0} if label == "hold" else {"least": 50.0 if short else 90.0}
         numbers.append(Measured(DECIDES, f"arms {label}: done of the way", done, "%", **limits))
         if label == "yield":
