@@ -287,7 +287,7 @@ def cost(costs: pd.DataFrame) -> Claim:
     cheap, near = min(model) > 1.0, max(ratios) <= TWICE
     return Claim(
         "It is decentralised, cheap and portable, and needs no force sensor (conclusion)",
-        "$K_f = 0$",
+        "grasps that keep contact; without a force sensor $K_f = 0$",
         (
             Rule(
                 "a tick takes less time than that of a law with a model",

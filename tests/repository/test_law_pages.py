@@ -228,7 +228,7 @@ def test_the_page_over_alpha_says_what_its_study_runs(studies):
     require_numbers(
         "alpha",
         {
-            r"Here it is (\d), which the paper excludes, and ([\de-]+) to (\d)\.": [
+            r"Here \$\\alpha\$ is (\d), which the paper excludes, and ([\de-]+) to (\d)\.": [
                 *alpha.ALPHAS[:2],
                 alpha.ALPHAS[-1],
             ],
@@ -238,10 +238,15 @@ def test_the_page_over_alpha_says_what_its_study_runs(studies):
                 3,
                 rates[0],
             ],
-            r"A load of (\d+) N along .* comes at (\d+) s; runs with the load last (\d+) s": [
+            r"A load of (\d+) N along .* comes at (\d+) s\. .* last "
+            r"(\d+) s at (\d+) Hz, (\d+) s at (\d+) and (\d+) s at (\d+)": [
                 alpha.LOAD,
                 load["time"],
-                alpha.LOAD_END[80.0],
+                *(number for rate in rates for number in (alpha.LOAD_END[rate], rate)),
+            ],
+            r"time to take (\d+) N up end with their runs, (\d+), (\d+) and (\d+) s after the load": [
+                alpha.LOAD,
+                *(alpha.LOAD_END[rate] - load["time"] for rate in rates),
             ],
             r"time to take up (\d+) N and internal force .* alpha, at (\d+), (\d+) and (\d+) Hz": [
                 alpha.LOAD,
@@ -271,6 +276,8 @@ def test_what_the_page_over_alpha_concludes_is_in_its_table(studies):
     taken = alpha.at(table, 80.0, "load", "settled_again_narrow_s")["median"]
     fastest, load = read_numbers("alpha", r"At ([\d.]+) a load of (\d+) N is taken up fastest")
     assert (taken.idxmin(), alpha.LOAD) == (float(fastest), float(load))
+    largest, slowest = map(float, read_numbers("alpha", r"At α = (\d) and (\d+) Hz the bar is not back"))
+    assert taken[largest] > alpha.LOAD_END[slowest] - 10.5
     rate, large = map(float, read_numbers("alpha", r"closer; at (\d+) Hz, from ([\d.]+) on, with more"))
     slow, fast = (alpha.at(table, each, "quiet", "force_N")["median"] for each in (80.0, rate))
     assert (fast[large:] > slow[large:]).all()
