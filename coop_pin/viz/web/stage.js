@@ -14,19 +14,21 @@ function coopPinStage(pane, holder, page) {
 }
 
 function coopPinScene(pane, holder, page) {
-  const three = MeshCat.THREE, { scales } = page, vector = (...xyz) => new three.Vector3(...xyz);
-  const viewer = new MeshCat.Viewer(pane);
+  const AIR = 0xe9edf2, three = MeshCat.THREE, { scales } = page, vector = (...xyz) => new three.Vector3(...xyz);
+  // Each program of the shaders takes a tenth of a second in software: nothing is drawn before the lights are there.
+  const viewer = new MeshCat.Viewer(pane, false);
   viewer.renderer.domElement.setAttribute("role", "img");
   viewer.renderer.domElement.setAttribute("aria-label", "3-D view of the arms, the payload and the forces of the arms on it");
   viewer.gui.domElement.remove(); // a person needs none of meshcat's controls
   viewer.scene.rotation.set(0, 0, 0);
   for (const name of ["Lights", "Grid", "Axes"]) { viewer.scene_tree.find([name]).object.visible = false; }
-  for (const end of ["top_color", "bottom_color"]) { viewer.set_property(["Background"], end, [0.914, 0.929, 0.949]); } // as the fog: no edge of the floor
+  viewer.scene.background = new three.Color(AIR); // as the fog: no edge of the floor
 
   // ---------------------------------------------------------------- drawables
   const floats = coopPinFloats;
   const points = (values) => Array.from({ length: values.length / 3 }, (_, k) => vector().fromArray(values, 3 * k));
   const tube = (path, radius) => new three.TubeGeometry(new three.CatmullRomCurve3(path), path.length, radius, 8);
+  const lines = (ends, color) => new three.LineSegments(new three.BufferGeometry().setFromPoints(ends), new three.MeshBasicMaterial({ color })); // as solids are: the same program
   const shapes = {
     box: ({ size }) => new three.BoxGeometry(...size),
     cylinder: ({ size: [radius, length] }) => new three.CylinderGeometry(radius, radius, length, 40).rotateX(Math.PI / 2),
@@ -53,7 +55,8 @@ function coopPinScene(pane, holder, page) {
     let drawn;
     const geometry = () => shapes[kind](item.drawable);
     if (kind === "axes") {
-      drawn = new three.AxesHelper(...size);
+      drawn = new three.Group();
+      ["#ff4d00", "#4dff00", "#004dff"].forEach((colour, k) => drawn.add(lines([vector(), vector().setComponent(k, size[0])], colour)));
     } else if (item.lit) {
       const material = kind === "mesh" ? new three.MeshPhongMaterial({ ...options, flatShading: true, shininess: 18 }) : new three.MeshLambertMaterial(options);
       drawn = new three.Mesh(geometry(), material);
@@ -79,7 +82,8 @@ function coopPinScene(pane, holder, page) {
   const GRID = 0.25, EDGE = 6, [x, y] = first.scene.camera.target.map((value) => GRID * Math.round(value / GRID)), { colours } = page;
   const slab = new three.Matrix4().makeTranslation(x, y, first.scene.floor - 0.006).elements;
   draw({ node: "floor", drawable: { kind: "box", size: [8 * EDGE, 8 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true });
-  const grid = new three.GridHelper(EDGE, EDGE / GRID, colours.floor_lines, colours.floor_lines).rotateX(Math.PI / 2);
+  const steps = Array.from({ length: EDGE / GRID + 1 }, (_, k) => GRID * k - EDGE / 2), far = EDGE / 2;
+  const grid = lines(steps.flatMap((at) => [vector(at, -far), vector(at, far), vector(-far, at), vector(far, at)]), colours.floor_lines);
   grid.position.set(x, y, first.scene.floor);
   viewer.scene.add(grid);
 
@@ -196,7 +200,7 @@ function coopPinScene(pane, holder, page) {
   const soft = new three.DirectionalLight(0xffffff, 0.16);
   soft.position.copy(home);
   viewer.scene.add(sun, sun.target, soft, new three.HemisphereLight(0xffffff, 0xd5dae2, 0.48));
-  viewer.scene.fog = new three.Fog(0xe9edf2, 2.2 * distance, 4.2 * distance);
+  viewer.scene.fog = new three.Fog(AIR, 2.2 * distance, 4.2 * distance);
 
   // A payload that travels far is followed from the start: framed is the instant at which it is where the camera goes with it.
   let followed = null;
@@ -232,6 +236,7 @@ function coopPinScene(pane, holder, page) {
   new ResizeObserver(viewer.set_3d_pane_size).observe(pane);
   const render = viewer.render.bind(viewer);
   viewer.render = () => { render(); labels.place(isStill); };
+  requestAnimationFrame(() => viewer.animate());
 
   function setLayer(name, on) {
     layers[name] = on;
