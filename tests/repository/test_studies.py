@@ -625,7 +625,7 @@ def test_the_pages_have_the_curves_numbers(alpha):
         r"off by up to (\d+) mm": median("load", "event_peak_mm", 0.002),
         r"off by ([\d.]+) N at 0.002": median("bias 1 mm", force, 0.002),
         r"and by (\d+) N at 0.2": median("bias 1 mm", force, 0.2),
-        r"internal force\*\*: ([\d.]+) N there": median("quiet", "force_N", 0.005),
+        r"10 s\*\*: ([\d.]+) N there": median("quiet", "force_N", 0.005),
         r"N there, (\d+) N at 1": median("quiet", "force_N", 1.0),
         r"stays between ([\d.]+) and": alpha.at(table, 80.0, "quiet", "force_N").loc[:0.002, "median"].min(),
         r"stays between [\d.]+ and ([\d.]+) N": alpha.at(table, 80.0, "quiet", "force_N")
@@ -731,7 +731,7 @@ def test_the_page_says_what_the_search_found_and_what_it_did_not_reach(fit):
             ),
             r"pose that take longer than ([\d.]+) s count": fit.PROMPT_S,
             r"by its axis it would be (\d+) at least": psi.high - psi.low - 2.0 * psi.tick,
-            r"do not show\*\*: \$K_f\$ is (\d+), so that": gains.force_gain,
+            r"in `adept-paper-fit` \$K_f\$ is (\d+), so that": gains.force_gain,
             r"\*\*At (\d+) kN/m\*\* the least sum is ([\d.]+), and ([\d.]+) where arms .*, of (\d+) runs": [
                 kilonewtons,
                 soft.loc[soft["elbows"] == "-1+1", "sum"].min(),
