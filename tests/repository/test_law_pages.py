@@ -357,7 +357,7 @@ def test_the_page_of_the_front_says_what_its_study_runs(studies):
             r"It has a bias of ([\d.]+) mm": 1e3 * moderate[TIP][0],
             r"In (\d+) s that carries no load": adept.changes["duration"],
             r"an offset of (\d) N in one wrist, drifting": offset["offset"]["force"],
-            r"\$\\gamma\$ from (\d) to (\d), near": list(front.GAMMA[1:]),
+            r"\$\\gamma\$ from (\d) to (\d), ": list(front.GAMMA[1:]),
             r"the median over (\w+) other seeds": judged["runs"].max(),
             r"Load: (\d+) N on the Adept arms, (\d+) N on the Pandas": [
                 cell.faults["load"] for cell in (adept, panda)
