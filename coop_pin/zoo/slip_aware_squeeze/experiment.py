@@ -40,7 +40,7 @@ class SlipAware(cp.ArmController):
 
 def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Push the crate down: the squeeze stays, or follows the slip, at once, late, by one step or one arm."""
-    numbers, curves, seconds = [], [], 0.5 if short else 0.8
+    numbers, curves, seconds = [], [], 0.43 if short else 0.8
     for label, (delay, follow) in list(RUNS.items())[: 2 if short else None]:
         changes = {"duration": seconds, "events.0.duration": seconds - 0.1, "sensors.slip.delay": delay}
         laws = cp.laws.build_controller(pushed := cell.override(changes)).controllers
