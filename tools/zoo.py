@@ -106,7 +106,7 @@ def methods() -> str:
 
 def save_picture(experiment: Experiment, run: Reproduction) -> Path:
     """Draw the curves of a run."""
-    figure = Figure(figsize=(6.4, 3.4), layout="constrained")
+    figure = Figure(figsize=(6.4, 3.7), layout="constrained")
     panel = figure.subplots()
     dashes = itertools.cycle({"linestyle": form, "color": grey, "zorder": 3} for form, grey in DASHES)
     for curve in run.curves:
@@ -115,7 +115,7 @@ def save_picture(experiment: Experiment, run: Reproduction) -> Path:
     panel.set(xlabel=experiment.picture.x, ylabel=experiment.picture.y)
     panel.set_yscale("log" if experiment.picture.log else "linear")
     panel.grid(visible=True, alpha=0.25)
-    panel.legend(fontsize=8)
+    figure.legend(loc="outside upper center", ncols=3, fontsize=8)
     return save_image(figure, IMAGES / f"zoo-{experiment.name}")
 
 

@@ -25,21 +25,18 @@ def zoo(
         short: run short forms, of seconds.
         json: print the list, or the numbers and verdicts, as JSON.
     """
-    listed = experiments.experiment_names()
-    chosen = [experiments.load_experiment(name) for name in (listed if all or not names else names)]
-    if not (names or all):
-        if json:
-            rows = [{"name": one.name} | one.model_dump(mode="json") for one in chosen]
-            print(json_text.dumps(rows, indent=2))
-            return
-        for one in chosen:
-            print_wrapped(f"{one.name:<24} {len(one.claims)} claims  {one.title}")
-        return
-    told = []
-    for one in chosen:
-        with Working(f"running {one.name}", quiet=json):
-            told.append(one.run(short=short))
+    chosen = experiments.experiment_names() if all or not names else names
+    rows = []
+    for one in [experiments.load_experiment(name) for name in chosen]:  # a wrong name is told before any run
+        if names or all:
+            with Working(f"running {one.name}", quiet=json):
+                run = one.run(short=short)
+            row, text = run.to_json(), f"{run.summary()}\n\n"
+        else:
+            row = {"name": one.name} | one.model_dump(mode="json")
+            text = f"{one.name:<24} {len(one.claims)} claims  {one.title}"
+        rows.append(row)
         if not json:
-            print(f"{told[-1].summary()}\n")
+            print_wrapped(text)
     if json:
-        print(json_text.dumps([one.to_json() for one in told], indent=2, allow_nan=False))
+        print(json_text.dumps(rows, indent=2, allow_nan=False))

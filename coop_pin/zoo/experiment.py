@@ -107,10 +107,9 @@ class Experiment(Description):
         Raises:
             FileReadError: the file is not TOML, or has mistakes, or still says TODO.
         """
-        table = read_toml(file, kind="an experiment")
         try:
-            return cls(**{**table, "folder": file.parent.resolve()})
-        except (FieldError, ScenarioError) as error:
+            return cls(**read_toml(file, kind="an experiment") | {"folder": file.parent.resolve()})
+        except ScenarioError as error:
             raise FileReadError(str(error), str(file)) from error
 
     @property
@@ -131,7 +130,7 @@ class Experiment(Description):
                 read, exits, or returns more or less than two values.
             NameNotFoundError: its folder has no ``cell.toml``, or a number names a claim that is not stated.
             ScenarioError: the cell has mistakes.
-            WrongTypeError: the function returns something else than numbers and curves.
+            WrongTypeError: a number is something else.
         """
         file = self.folder / "experiment.py"
         spec: Any = importlib.util.spec_from_file_location(f"{self.folder.name}.experiment", file)
@@ -144,9 +143,8 @@ class Experiment(Description):
             results = module.reproduce(Scenario.load(self.folder / "cell.toml"), short=short)
         except (SyntaxError, SystemExit) as error:
             raise FileReadError(f"{type(error).__name__}: {error}", str(file)) from error
-        require_type("what reproduce returns", results, tuple)
-        if len(results) != 2:
-            raise FileReadError(f"reproduce returned {len(results)} values; two: numbers, curves", str(file))
+        if not (isinstance(results, tuple) and len(results) == 2):
+            raise FileReadError("reproduce must return two values: numbers, curves", str(file))
         return self.reproduction(*results)
 
     def reproduction(self, numbers: Sequence[Measured], curves: Sequence[Trace]) -> Reproduction:

@@ -43,10 +43,8 @@ class Measured(NamedTuple):
     @property
     def limit(self) -> str:
         """Its limits, as text; "-" of a number that decides nothing."""
-        if not self.decides:
-            return "-"
         if math.isinf(self.least):
-            return f"<= {self.most:.3g}"
+            return f"<= {self.most:.3g}" if self.decides else "-"
         return f">= {self.least:.3g}" if math.isinf(self.most) else f"{self.least:.3g} to {self.most:.3g}"
 
 
@@ -110,11 +108,12 @@ class Reproduction(NamedTuple):
         lines = [self.name]
         for claim, unjudged in self.claims.items():
             lines += [f"{claim:<61.61} {self.verdict(claim):>17}", *([f"  {unjudged}"] if unjudged else [])]
-            for number in self.numbers:
-                if number.claim == claim:
-                    value = f"{number.value:.4g} {number.unit}"
-                    mark = "" if number.holds else " no"
-                    lines.append(f"  {number.text:<44.44} {value:>14} {number.limit:>13}{mark}")
+            lines += [
+                f"  {one.text:<44.44} {f'{one.value:.4g} {one.unit}':>14} {one.limit:>13}"
+                + " no" * (not one.holds)
+                for one in self.numbers
+                if one.claim == claim
+            ]
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:

@@ -24,7 +24,7 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
         tip = turn.apply(data.tip_position.values[:, 0] - P)
         gap = 1e3 * np.linalg.norm(tip - tip[0], axis=1)
         grasp, end = np.searchsorted(time, [cell.events[1].time, cell.events[2].end])
-        curves.append(Trace(f"gap of the left hand, {label}", time[:end], gap[:end]))
+        curves.append(Trace(f"gap, {label}", time[:end], gap[:end]))
         limit = {"exact": {"most": tolerance}, "left 12 mm off": {"least": tolerance}}.get(label, {})
         numbers.append(Measured(RELATIVE, f"{label}: gap at the grasp", gap[grasp], "mm", **limit))
         off = 1e3 * off_path(data)

