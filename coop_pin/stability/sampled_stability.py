@@ -154,7 +154,7 @@ def configurations_along(
 def damping_rates(simulation: Simulation, cell_reach: Reachability) -> Array:
     """Return the eigenvalues lambda of D at the poses of ``motion_stability``, 1/s, shape (n, nv)."""
     along = configurations_along(simulation, cell_reach, _POSES)
-    return np.linalg.eigvals([_damping(simulation, q, time)() for time, q in along]).real
+    return np.array([np.linalg.eigvals(_damping(simulation, q, time)()).real for time, q in along])
 
 
 def _damping(simulation: Simulation, q: Array, time: float) -> Callable[..., Array]:
