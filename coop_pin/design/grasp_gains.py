@@ -113,9 +113,10 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
 
     with the eigenvalues lambda of the damping matrix D of the closed chain along the motion. Where the load
     is split, l is ``split_length``, so that the terms of the motion leave no internal wrench; else both parts
-    of K have the same lambda_max. Arms that hold several links bear the law by themselves where these give: K
-    is that about their own tips. Deflections of links are no biases: ``zero_at_grasp``. The damping of joints
-    that a grasp makes spare has T D / I of 0.9 with the inertia I of what they move alone.
+    of K have the same lambda_max. Where an arm holds another link than that of P, it bears the law by itself
+    as the links give: K is that about each arm's own tip. Deflections of links are no biases:
+    ``zero_at_grasp``. The damping of joints that a grasp makes spare has T D / I of 0.9 with the inertia I of
+    what they move alone.
 
     Args:
         scenario: Cell with joints or a payload of several links, motion and clock.
@@ -166,10 +167,10 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
 
 
 def _law(scenario: Scenario, K: Array, gains: Mapping[str, Any]) -> PayloadSpace:
-    """Return the law with the diagonal K about P, or about each tip where the arms hold several links."""
+    """Return the law with the diagonal K about P, or about each tip where an arm holds another link."""
     cell, of_arms = scenario.cell, dict[str, PayloadSpaceGains]()
-    is_linked, rows = cell.payload.links is not None, cell.task_rows.indices
-    if len({cell.held_links.get(name, "") for name in cell.arms}) > 1:
+    links, rows = cell.payload.links, cell.task_rows.indices
+    if links is not None and {*cell.held_links.values()} - {links.link}:
         for name in cell.arms:
             A = FullRows().twist_shift(cell.grasps[name].matrix[:3, 3])[np.ix_(rows, rows)]
             of_arms[name] = PayloadSpaceGains(sliding_gain=((A.T * K) @ A).round(9).tolist(), **gains)
@@ -178,8 +179,8 @@ def _law(scenario: Scenario, K: Array, gains: Mapping[str, Any]) -> PayloadSpace
         arm_gains=of_arms,
         gain_axes="payload" if of_arms else "world",
         force_path=force_path_of(scenario),
-        zero_at_grasp=scenario.controller.near_rest.is_zeroed or is_linked,
-        anchor_bias="none" if is_linked else PayloadSpace.model_fields["anchor_bias"].default,
+        zero_at_grasp=scenario.controller.near_rest.is_zeroed or links is not None,
+        anchor_bias="none" if links is not None else PayloadSpace.model_fields["anchor_bias"].default,
     )
 
 

@@ -423,7 +423,7 @@ def test_a_proposal_beside_joints_is_stable_by_half_and_damps_the_light_wrist():
 
 def on_bases() -> cp.Scenario:
     """Three UR5 on bases, one of which holds by a hinge: its wrist bears a tenth of the others' damping."""
-    return jointed("three-driven-ur5", {"arm1": "hinge"})
+    return jointed("three-driven-ur5", {"arm1": "hinge"}, **{"cell.split_length": 0.3})
 
 
 @pytest.mark.slow
