@@ -38,6 +38,8 @@ _INTEGRAL, _POSE = 0.4, 0.1
 """k_I and gamma as parts of the smallest lambda."""
 _STEP_PART = 0.9
 """Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
+_ANCHORS = 1.0, 0.3, 0.1
+"""Parts of the anchor's gain that are tried: links between the arms answer its forces late."""
 _SEEN = 1e-6
 """Part of the largest lambda above which a direction is moved."""
 
@@ -115,8 +117,8 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     is split, l is ``split_length``, so that the terms of the motion leave no internal wrench; else both parts
     of K have the same lambda_max. Where an arm holds another link than that of P, it bears the law by itself
     as the links give: K is that about each arm's own tip. Deflections of links are no biases:
-    ``zero_at_grasp``. The damping of joints that a grasp makes spare has T D / I of 0.9 with the inertia I of
-    what they move alone.
+    ``zero_at_grasp``; their anchor is lowered until the loop holds. The damping of joints that a grasp makes
+    spare has T D / I of 0.9 with the inertia I of what they move alone.
 
     Args:
         scenario: Cell with joints or a payload of several links, motion and clock.
@@ -148,16 +150,16 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     gains = {
         "pose_gain": gamma,
         "sign_gain": round(PayloadSpace.model_fields["switching"].default.width * k_I, 9),
-        "anchor_gain": anchor_of(scenario, T)[1],
         "transient_rate": squeeze_rate(scenario, gamma, scenario.clock.rate_hz),
     }
     on_base = any(arm.base_joints for arm in cell.arms.values())
-    postures = base_posture_gains if on_base else posture_gains
-    posture = postures(scenario, cell_reach, T)
-    law = _law(scenario, k * unit, gains).replace(posture=posture)
-    suggested = with_steps(scenario.replace(controller=law), cell_reach)
+    posture = (base_posture_gains if on_base else posture_gains)(scenario, cell_reach, T)
+    for part in _ANCHORS if cell.payload.links is not None else _ANCHORS[:1]:
+        law = _law(scenario, k * unit, gains | {"anchor_gain": part * anchor_of(scenario, T)[1]})
+        suggested = with_steps(scenario.replace(controller=law.replace(posture=posture)), cell_reach)
+        if (loop := eigenvalues(suggested.replace(events=()))).ok:
+            break
     along = motion_stability(_simulation(suggested), cell_reach)
-    loop = eigenvalues(suggested.replace(events=()))
     if not (along.ok and loop.ok):
         raise InfeasibleMotionError("stability", (loop if along.ok else along).summary())
     limits = [f"sliding_gain: T lambda {T * fastest:.3g}, smallest {slowest:.3g} /s, l = {square**0.5:.3g} m"]
