@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from linked_cells import PAYLOADS, box_with_lid, door, linked, random_state
+from linked_cells import PAYLOADS, box_with_lid, door, hanging_rope, linked, random_state
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -309,6 +309,9 @@ def test_links_that_nobody_holds_are_found():
     held = linked("two-pandas-box", "beam")
     kinds = {finding.kind for finding in payload_findings(Simulation(held))}
     assert kinds == {"payload mode"}
+    for g, loose in ((-9.81, 0), (0.0, 8)):  # its weight returns all hinges of a rope
+        rope = Simulation(hanging_rope(**{"cell.gravity": (0.0, 0.0, g)}))
+        assert sum("nothing returns" in finding.sentence for finding in payload_findings(rope)) == loose
     box = cp.Payload.of_links(box_with_lid(), "box", joints={"hinge": {"damping": 1e-4}})
     loose = cp.Scenario.load("two-pandas-box")
     loose = loose.replace(cell=loose.cell.replace(payload=box))
@@ -468,6 +471,7 @@ PROPOSED = {
     "Pandas, table": lambda: linked("two-pandas-box", "table", **{"task.moment": 1.0}),
     "Pandas, door": lambda: cp.Scenario.load("two-pandas-door"),
     "UR5, beam of 2 m": beam_of_two_metres,
+    "a Panda, rope": hanging_rope,
 }
 
 
