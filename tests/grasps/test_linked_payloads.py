@@ -291,9 +291,10 @@ def test_what_a_linked_payload_does_not_go_with_is_refused_by_name():
     assert "hinge1" in str(pinocchio_reason(scenario))
     with pytest.raises(InfeasibleMotionError, match="freedoms"):
         cp.suggest(linked("adept-anchored", "door"), poses=5)
-    taut = {"kind": "chain", "mass": 0.5, "length": 0.24, "links": 5, "axis": "z"}
+    taut = {"kind": "chain", "mass": 0.5, "length": 0.24, "links": 9, "axis": "z"}
+    changes = {"cell.payload": taut, "cell.grasps.right.link": "rod8"}
     with pytest.raises(InfeasibleMotionError, match="taut"):
-        cp.suggest(linked("adept-anchored", "beam", **{"cell.payload": taut}), poses=5)
+        cp.suggest(linked("adept-anchored", "beam", **changes), poses=5)
     hinged = cell.replace(
         grasps={**cell.grasps, "left": {**cell.grasps["left"].model_dump(), "kind": "hinge"}}
     )
