@@ -487,7 +487,7 @@ PROPOSED = {
     ],
 )
 def test_a_proposal_for_a_payload_of_several_links_passes_its_own_check_and_keeps_the_task(case):
-    """A squeeze bends links that give: of the views' bias b of it stays c k_I K gamma b / beta, and a moment."""
+    """A squeeze bends links that give: the bias b of the views that this is leaves c k_I K gamma b / beta."""
     proposed = cp.suggest(PROPOSED[case](), poses=11)
     assert not proposed.findings().of("error")
     result = cp.run(proposed.scenario, warn=False)
