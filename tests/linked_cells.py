@@ -102,6 +102,19 @@ def linked(name: str, kind: str, **changes) -> cp.Scenario:
     return cp.Scenario(**(fields | {"cell": cell, "events": ()})).override(changes)
 
 
+def hanging_rope(**changes) -> cp.Scenario:
+    """A Panda that carries its own weight and a rope that hangs from its hand; P is on the middle rod."""
+    fields, down = cp.Scenario.load("two-pandas-box").model_dump(), np.pi / 2.0
+    cell, X = fields["cell"], {"xyz": (-0.2, 0.0, 0.3), "rpy": (0.0, down, 0.0)}
+    for part in (cell["arms"], cell["grasps"]):
+        part.pop("right")
+    cell |= {"pads": {}, "payload": {"kind": "chain", "mass": 0.5, "length": 0.4, "links": 9}}
+    cell["grasps"]["left"] = {"xyz": (-0.2, 0.0, 0.0), "rpy": (0.0, down, -down / 2.0), "link": "rod0"}
+    fields |= {"start": X, "squeeze": {"left": (0.0,) * 6}, "events": (), "name": "hanging-rope"}
+    fields["motion"] |= {"start": X, "goal": X | {"xyz": (-0.15, 0.03, 0.33)}}
+    return cp.Scenario(**fields).override({"actuators.gravity_compensation": {}} | changes)
+
+
 def random_state(chain, q: np.ndarray, seed: int, speed: float):
     """A state near a configuration on the closures, and a generalised force."""
     import pinocchio as pin

@@ -1,35 +1,45 @@
-"""Gains beside tools, from the inertia of each arm alone, and beside joints, in the rows of each grasp."""
+"""Gains beside tools, of each arm alone, and beside joints and links, in the rows of each grasp."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InfeasibleMotionError
-from coop_pin.base.spatial import spatial_inertia
+from coop_pin.base.spatial import FullRows, spatial_inertia
+from coop_pin.control import PostureGains
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.control.laws.symmetric import Symmetric
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.own_inertia import own_inertia
-from coop_pin.design.posture_gains import T_LAMBDA, posture_gains, rounded_down, slowest_lag
+from coop_pin.design.posture_gains import (
+    T_LAMBDA,
+    base_posture_gains,
+    posture_gains,
+    rounded_down,
+    slowest_lag,
+)
 from coop_pin.design.tuning_rule import anchor_of, damped, force_path_of, sampled_damping, squeeze_rate
-from coop_pin.feasibility.path_following import payload_path
 from coop_pin.feasibility.reachability import Reachability
-from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.closed_loop import eigenvalues
-from coop_pin.stability.sampled_stability import motion_stability
+from coop_pin.stability.sampled_stability import damping_rates, motion_stability
+from coop_pin.stability.step_size import step_stability
 
 _KAPPA, _ALONG = 0.5, 0.9
 """T lambda of each arm alone at the start, and the largest along the motion; 2 is unstable."""
 _INTEGRAL, _POSE = 0.4, 0.1
 """k_I and gamma as parts of the smallest lambda."""
-_BORNE = 1e-9
-"""Part of an arm's largest mobility that its structure allows in rows that its joints do not move."""
+_STEP_PART = 0.9
+"""Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
+_ANCHORS = 1.0, 0.3, 0.1
+"""Parts of the anchor's gain that are tried: links between the arms answer its forces late."""
 _SEEN = 1e-6
 """Part of the largest lambda above which a direction is moved."""
 
@@ -79,7 +89,7 @@ def with_tool_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scena
         )
         for name, G_i, c in zip(cell.arms, G, cell.gain_shares, strict=True)
     }
-    posture = posture_gains(scenario, cell_reach, T, 0.0, tips_give=True)
+    posture = posture_gains(scenario, cell_reach, T, tips_give=True)
     proposal = Symmetric(
         relative_gain=rho,
         gains=next(iter(gains.values())),
@@ -96,76 +106,92 @@ def with_tool_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scena
 
 
 def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scenario, tuple[str, ...]]:
-    """Return the scenario with the payload-space law in the rows of grasps that are joints, and its limits.
+    """Return the scenario with the payload-space law in the rows of each grasp, and its limits.
 
     ::
 
-        K = k diag(1, 1, 1, l^2, l^2, l^2)         so that the terms of the motion leave no internal wrench
-        A = M_0 + sum B_i Lambda_i B_i^T,  K_eff = sum c_i B_i (B_i^T K^-1 B_i)^-1 B_i^T
-        T lambda_max(A^-1 K_eff) = 0.9,  k_I = lambda_min / 2,  gamma = lambda_min / 4    or lower, damped
+        K = k diag(1, 1, 1, l^2, l^2, l^2),  T lambda_max = 0.9
+        k_I = lambda_min / 2,  gamma = lambda_min / 4                       or lower, damped
 
-    with Lambda_i = (J_i M^-1 J_i^T)^-1 of each arm in the k rows of its grasp, about C. The damping of joints
-    that a grasp makes spare has T D / I of 0.9 with the inertia I of what they move alone.
+    with the eigenvalues lambda of the damping matrix D of the closed chain along the motion. Where the load
+    is split, l is ``split_length``, so that the terms of the motion leave no internal wrench; else both parts
+    of K have the same lambda_max. Where an arm holds another link than that of P, it bears the law by itself
+    as the links give: K is that about each arm's own tip. Deflections of links are no biases:
+    ``zero_at_grasp``; their anchor is lowered until the loop holds. The damping of joints that a grasp makes
+    spare has T D / I of 0.9 with the inertia I of what they move alone.
 
     Args:
-        scenario: Cell with joints, motion and clock.
+        scenario: Cell with joints or a payload of several links, motion and clock.
         cell_reach: Reachability of the scenario, in which every arm can follow.
 
     Raises:
         InfeasibleMotionError: cause "stability": the sampled loop grows.
     """
     cell, T, lag = scenario.cell, scenario.clock.period, slowest_lag(scenario)
-    unit = np.where(cell.task_rows.are_linear, 1.0, cell.split_length**2)
-    B, shares = cell.transmitted(), cell.shares.tolist()
-    felt = sum(c * b @ np.linalg.inv(b.T @ (b.T / unit).T) @ b.T for c, b in zip(shares, B, strict=True))
-    rates = np.linalg.eigvals(np.linalg.solve(_inertia_in_grasps(scenario, cell_reach), felt)).real
+    linear = cell.task_rows.are_linear
+
+    def rates_of(unit: Array) -> Array:
+        law = _law(scenario, unit, {"pose_gain": 1.0, "sign_gain": 0.0, "transient_rate": 1.0})
+        still = law.replace(posture=PostureGains(stiffness=0.0, damping=0.0))
+        return damping_rates(_simulation(scenario.replace(controller=still)), cell_reach)
+
+    square = cell.split_length**2
+    if not cell.splits_load:
+        alone = [
+            float(rates_of(np.where(linear == is_linear, 1.0, _SEEN)).max()) for is_linear in (True, False)
+        ]
+        square = alone[0] / alone[1]
+    unit = np.where(linear, 1.0, square)
+    rates = rates_of(unit)
     k = rounded_down(T_LAMBDA / ((T + 2.0 * lag) * float(rates.max())))
     slowest, fastest = k * float(rates[rates > _SEEN * rates.max()].min()), k * float(rates.max())
     damping = sampled_damping(T * slowest, T * fastest, lag / T)
     gamma, k_I = map(rounded_down, damped(damping, slowest / 4.0, min(slowest / 2.0, 0.25 / T), T))
-    fields = PayloadSpace.model_fields
-    gains = PayloadSpaceGains(
-        pose_gain=gamma,
-        sliding_gain=tuple((k * unit).round(9).tolist()),
-        sign_gain=round(fields["switching"].default.width * k_I, 9),
-        anchor_gain=anchor_of(scenario, T)[1],
-        transient_rate=squeeze_rate(scenario, gamma, scenario.clock.rate_hz),
-    )
-    posture = posture_gains(scenario, cell_reach, T, 0.0)
-    law = PayloadSpace(
-        gains=gains,
-        posture=posture,
-        force_path=force_path_of(scenario),
-        zero_at_grasp=scenario.controller.near_rest.is_zeroed,
-    )
-    suggested = scenario.replace(controller=law)
-    along = motion_stability(Simulation(suggested, build_controller(suggested)), cell_reach)
-    loop = eigenvalues(suggested.replace(events=()))
+    gains = {
+        "pose_gain": gamma,
+        "sign_gain": round(PayloadSpace.model_fields["switching"].default.width * k_I, 9),
+        "transient_rate": squeeze_rate(scenario, gamma, scenario.clock.rate_hz),
+    }
+    on_base = any(arm.base_joints for arm in cell.arms.values())
+    posture = (base_posture_gains if on_base else posture_gains)(scenario, cell_reach, T)
+    for part in _ANCHORS if cell.payload.links is not None else _ANCHORS[:1]:
+        law = _law(scenario, k * unit, gains | {"anchor_gain": part * anchor_of(scenario, T)[1]})
+        suggested = with_steps(scenario.replace(controller=law.replace(posture=posture)), cell_reach)
+        if (loop := eigenvalues(suggested.replace(events=()))).ok:
+            break
+    along = motion_stability(_simulation(suggested), cell_reach)
     if not (along.ok and loop.ok):
         raise InfeasibleMotionError("stability", (loop if along.ok else along).summary())
-    limits = (
-        f"sliding_gain: T lambda {T * fastest:.3g}, smallest lambda {slowest:.3g} /s, split_length"
-        f" {cell.split_length:g} m",
-        *(
-            [f"posture damping {posture.damping:.3g} N m s/rad, by the inertia of what joints make spare"]
-            if any(b.shape[1] < arm.q.shape[1] for b, arm in zip(B, cell_reach.arms, strict=True))
-            else []
-        ),
-        *(each.summary() for each in (along, loop)),
+    limits = [f"sliding_gain: T lambda {T * fastest:.3g}, smallest {slowest:.3g} /s, l = {square**0.5:.3g} m"]
+    if any(B.shape[1] < arm.q.shape[1] for B, arm in zip(cell.transmitted(), cell_reach.arms, strict=True)):
+        limits += [f"posture damping {posture.damping} N m s/rad, by the inertia of spare joints"]
+    return suggested, (*limits, *(each.summary() for each in (along, loop)))
+
+
+def _law(scenario: Scenario, K: Array, gains: Mapping[str, Any]) -> PayloadSpace:
+    """Return the law with the diagonal K about P, or about each tip where an arm holds another link."""
+    cell, of_arms = scenario.cell, dict[str, PayloadSpaceGains]()
+    links, rows = cell.payload.links, cell.task_rows.indices
+    if links is not None and {*cell.held_links.values()} - {links.link}:
+        for name in cell.arms:
+            A = FullRows().twist_shift(cell.grasps[name].matrix[:3, 3])[np.ix_(rows, rows)]
+            of_arms[name] = PayloadSpaceGains(sliding_gain=((A.T * K) @ A).round(9).tolist(), **gains)
+    return PayloadSpace(
+        gains=PayloadSpaceGains(sliding_gain=tuple(K.round(9).tolist()), **gains),
+        arm_gains=of_arms,
+        gain_axes="payload" if of_arms else "world",
+        force_path=force_path_of(scenario),
+        zero_at_grasp=scenario.controller.near_rest.is_zeroed or links is not None,
+        anchor_bias="none" if links is not None else PayloadSpace.model_fields["anchor_bias"].default,
     )
-    return suggested, limits
 
 
-def _inertia_in_grasps(scenario: Scenario, cell_reach: Reachability) -> Array:
-    """Return A along a path, on the task rows in payload axes about P, shape (n, k_0, k_0)."""
-    cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
-    A = [spatial_inertia(cell.payload.mass, cell.payload.inertia_matrix, np.eye(3))[np.ix_(rows, rows)]]
-    A *= len(cell_reach.arms[0].q)
-    poses = payload_path(scenario, cell_reach.poses).poses
-    for reach, B in zip(cell_reach.arms, cell.transmitted(), strict=True):
-        arm = CellArm(cell, reach.arm)
-        for index, (q, X_WP) in enumerate(zip(reach.q, poses, strict=True)):
-            J, M = arm.task_jacobian(q, X_WP[:3, :3]), arm.from_drive.T @ arm.mass_matrix(q) @ arm.from_drive
-            moves = J @ np.linalg.solve(M, J.T)
-            A[index] = A[index] + B @ np.linalg.inv(moves + _BORNE * np.trace(moves) * np.eye(len(J))) @ B.T
-    return np.array(A)
+def with_steps(scenario: Scenario, cell_reach: Reachability) -> Scenario:
+    """Return the scenario with as many steps in a tick as friction and joints of the payload ask for."""
+    steps = step_stability(_simulation(scenario), cell_reach)
+    count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
+    return scenario.override({"clock.steps_per_tick": count}) if count > steps.steps_per_tick else scenario
+
+
+def _simulation(scenario: Scenario) -> Simulation:
+    return Simulation(scenario, build_controller(scenario))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.control import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.internal_moment import positional_torques
@@ -29,7 +32,11 @@ def slowest_lag(scenario: Scenario) -> float:
 
 
 def posture_gains(
-    scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float, tips_give: bool = False
+    scenario: Scenario,
+    cell_reach: Reachability,
+    T: float,
+    least_stiffness: float = 0.0,
+    tips_give: bool = False,
 ) -> PostureGains:
     """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
 
@@ -41,15 +48,9 @@ def posture_gains(
     """
     on_base = any(arm.base_joints for arm in scenario.cell.arms.values())
     usual, decay = _BASE_POSTURE if on_base else PostureGains(), 0.0
-    for reach in cell_reach.arms:
-        arm = CellArm(scenario.cell, reach.arm)
-        if arm.spare <= 0:
-            continue
-        for q in reach.q[:: max(1, len(reach.q) // 20)]:
-            U = np.linalg.svd(arm.null_space(q))[0][:, : arm.spare]
-            M = arm.from_drive.T @ arm.mass_matrix(q) @ arm.from_drive
-            inertia = np.linalg.inv(U.T @ np.linalg.solve(M, U)) if tips_give else U.T @ M @ U
-            decay = max(decay, 1.0 / float(np.linalg.eigvalsh(inertia)[0]))
+    for U, M in _spare_motions(scenario, cell_reach):
+        inertia = np.linalg.inv(U.T @ np.linalg.solve(M, U)) if tips_give else U.T @ M @ U
+        decay = max(decay, 1.0 / float(np.linalg.eigvalsh(inertia)[0]))
     stiffness, damping = float(np.max(usual.stiffness)), float(np.max(usual.damping))
     if decay > 0.0:
         damping = min(damping, rounded_down(T_LAMBDA / ((T + 2.0 * slowest_lag(scenario)) * decay)))
@@ -58,6 +59,51 @@ def posture_gains(
     if decay > 0.0 and not scenario.cell.controls_turns:
         stiffness = min(stiffness, _largest_held(scenario, cell_reach, damping))
     return PostureGains(stiffness=stiffness, damping=damping)
+
+
+def base_posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -> PostureGains:
+    """Return null-space gains of arms on bases beside joints: one for each drive, none of the bases.
+
+    ::
+
+        D_j = min(80, s M_jj),   T lambda_max((U^T M U)^-1 U^T s diag(M_jj) U) = 0.9,   stiffness 2 D_j
+
+    with the least M_jj of all arms along the motion: the spring of shoulder and elbow moves the base, and a
+    wrist that a joint makes spare bears only as much damping as its own inertia.
+
+    Raises:
+        InfeasibleMotionError: cause "stability": the arms have drives of different numbers.
+    """
+    kinds = {(arm.nv, arm.description.base_joints) for arm in _arms(scenario, cell_reach)}
+    if len(kinds) > 1:
+        detail = (
+            "arms on bases with joints for grasps need postures of each drive, and have unlike ones; make"
+        )
+        raise InfeasibleMotionError("stability", f"{detail} the grasps rigid, or state a law and its gains")
+    ((drives, base_drives),) = kinds
+    motions = [*_spare_motions(scenario, cell_reach)]
+    own = np.min([np.diag(M) for _, M in motions], axis=0) * (np.arange(drives) >= base_drives)
+    decays = (np.linalg.eigvals(np.linalg.solve(U.T @ M @ U, (U.T * own) @ U)).real for U, M in motions)
+    largest = max(float(each.max()) for each in decays)
+    factor = T_LAMBDA / ((T + 2.0 * slowest_lag(scenario)) * largest)
+    usual = float(np.max(_BASE_POSTURE.damping))
+    damping = [rounded_down(min(usual, factor * entry)) if entry else 0.0 for entry in own.tolist()]
+    part = float(np.max(_BASE_POSTURE.stiffness)) / usual
+    return PostureGains(stiffness=tuple(part * entry for entry in damping), damping=tuple(damping))
+
+
+def _arms(scenario: Scenario, cell_reach: Reachability) -> list[CellArm]:
+    return [CellArm(scenario.cell, reach.arm) for reach in cell_reach.arms]
+
+
+def _spare_motions(scenario: Scenario, cell_reach: Reachability) -> Iterator[tuple[Array, Array]]:
+    """Yield an orthonormal basis of the spare motions and M of each redundant arm, at up to 21 poses."""
+    for arm, reach in zip(_arms(scenario, cell_reach), cell_reach.arms, strict=True):
+        if arm.spare <= 0:
+            continue
+        for q in reach.q[:: max(1, len(reach.q) // 20)]:
+            U = np.linalg.svd(arm.null_space(q))[0][:, : arm.spare]
+            yield U, arm.from_drive.T @ arm.mass_matrix(q) @ arm.from_drive
 
 
 def _largest_held(scenario: Scenario, cell_reach: Reachability, damping: float) -> float:
@@ -69,7 +115,7 @@ def _largest_held(scenario: Scenario, cell_reach: Reachability, damping: float) 
         positional_torques(scenario, cell_reach, PostureGains(stiffness=stiffness, damping=damping))
         for stiffness in (0.0, 1.0)
     )
-    limits = [CellArm(scenario.cell, reach.arm).limits.torque for reach in cell_reach.arms]
+    limits = [arm.limits.torque for arm in _arms(scenario, cell_reach)]
     held = min(
         part_held(torque, pulled - torque, limit)
         for torque, pulled, limit in zip(without, with_one, limits, strict=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from coop_pin.control.gains import Gains
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
-from coop_pin.design.grasp_gains import with_joint_gains, with_tool_gains
+from coop_pin.design.grasp_gains import with_joint_gains, with_steps, with_tool_gains
 from coop_pin.design.own_inertia import held_by_squeeze
 from coop_pin.design.proposal_limits import (
     friction_limits,
@@ -29,6 +28,7 @@ from coop_pin.design.proposal_limits import (
 from coop_pin.design.stable_gains import LAWS, stable_proposal, with_stable_gains
 from coop_pin.design.tuning_rule import GainProposal, anchored_enough, force_path_of
 from coop_pin.feasibility.carried_motion import seen_by_arms
+from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.feasibility.least_squeeze import least_squeeze, with_enough_squeeze
 from coop_pin.feasibility.motion_feasibility import (
     posture_margins,
@@ -43,14 +43,9 @@ from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.results.finding import Findings
 from coop_pin.running.check import check
 from coop_pin.running.plausibility import implausible_numbers
-from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.forecast import Forecast, forecast
-from coop_pin.stability.sampled_stability import start_stability
-from coop_pin.stability.step_size import StepStability, step_stability
+from coop_pin.stability.sampled_stability import sampled_stability
 
-_STEP_PART = 0.9
-"""Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
 _NO_FORECAST = Forecast()
 
 
@@ -124,8 +119,8 @@ def suggest(
     ``zero_at_grasp``, with which the deflection is no bias. The sampled loop of springs, arms and law must be
     stable.
 
-    Beside tools the symmetric law is proposed, with such gains of every arm alone, and beside joints the law
-    in the rows of each grasp; rate, postures and grasps stay as they are.
+    Beside tools the symmetric law is proposed, with such gains of every arm alone, and beside joints, or
+    of a payload of several links, the law in the rows of each grasp; rate, postures and grasps stay.
 
     Patches ask for the same, and for the split of the virtual linkage, guards, and a squeeze of at least 1.5
     times ``least_squeeze``: stated ones are raised, and without one the tips press along the lines between
@@ -142,8 +137,7 @@ def suggest(
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
             or stability.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
-        ArgumentError: the payload has several links, patches hold together with other grasps, or tables are
-            under rigid ones.
+        ArgumentError: patches hold together with other grasps, or tables are under rigid ones.
     """
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
@@ -158,9 +152,7 @@ def suggest(
         cell = seen.scenario.cell.replace(shared_joints=scenario.cell.shared_joints, arms=arms)
         return replace(seen, scenario=seen.scenario.replace(cell=cell, motion=scenario.motion))
     cell, pressed = scenario.cell, tuple[str, ...]()
-    if cell.payload.links is not None:
-        raise ArgumentError("suggest is for a payload of one body, and this one has several links")
-    if cell.jointed:
+    if cell.jointed or cell.payload.links is not None:
         return _beside_joints(scenario, poses)
     if cell.tools:
         return _beside_tools(scenario, poses)
@@ -197,8 +189,7 @@ def suggest(
         suggested, too_large = held_by_squeeze(suggested, cell_reach)
         pressed = (*pressed, *too_large)
     suggested, errors = anchored_enough(suggested, cell_reach)
-    simulation = Simulation(suggested, build_controller(suggested))
-    suggested = _with_steps(suggested, step_stability(simulation, cell_reach))
+    suggested = with_steps(suggested, cell_reach)
     pressed_table = table_force(suggested, table_error=table_error, lag=proposal.tracking)
     lines = (
         *gain_limits(scenario, proposal, suggested),
@@ -208,7 +199,7 @@ def suggest(
         *moment_limits(scenario, proposal),
         *margins,
         "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
-        f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
+        f"plant: {suggested.clock.steps_per_tick} steps in a tick; {sampled_stability(suggested).summary()}",
     )
     return Suggestion(suggested, proposal, lines, (*changes, *pressed), errors)
 
@@ -219,15 +210,17 @@ def _beside_tools(scenario: Scenario, poses: int) -> Suggestion:
     cell_reach = _feasible(scenario, poses)
     suggested, limit = with_tool_gains(scenario, cell_reach)
     uncovered = "it is for arms that hold one payload, and some have tools"
-    return _as_stated(scenario, suggested, cell_reach, (limit,), uncovered)
+    return _as_stated(scenario, with_steps(suggested, cell_reach), (limit,), uncovered)
 
 
 def _beside_joints(scenario: Scenario, poses: int) -> Suggestion:
-    """Return a proposal for arms of which some hold by joints; raises as ``suggest``."""
+    """Return a proposal beside joints of grasps or of the payload; raises as ``suggest``."""
     cell_reach = _feasible(scenario, poses)
+    if not (leave := freedoms(scenario)).ok:
+        raise InfeasibleMotionError("rank", leave.summary())
     suggested, limits = with_joint_gains(scenario, cell_reach)
-    uncovered = "it is for grasps that hold every row, and some are joints"
-    return _as_stated(scenario, suggested, cell_reach, limits, uncovered)
+    uncovered = "it is for rigid grasps of one body, and there are joints of grasps or payload"
+    return _as_stated(scenario, suggested, limits, uncovered)
 
 
 def _feasible(scenario: Scenario, poses: int) -> Reachability:
@@ -238,11 +231,9 @@ def _feasible(scenario: Scenario, poses: int) -> Reachability:
 
 
 def _as_stated(
-    scenario: Scenario, suggested: Scenario, cell_reach: Reachability, limits: tuple[str, ...], uncovered: str
+    scenario: Scenario, suggested: Scenario, limits: tuple[str, ...], uncovered: str
 ) -> Suggestion:
     """Return a proposal that changes the law, and the steps in a tick that its wrists ask for."""
-    simulation = Simulation(suggested, build_controller(suggested))
-    suggested = _with_steps(suggested, step_stability(simulation, cell_reach))
     limits = (*limits, f"plant: {suggested.clock.steps_per_tick} steps in a tick")
     kinds = [each.controller.kind for each in (scenario, suggested)]
     changed = f"law CHANGED from {kinds[0]!r} to {kinds[1]!r}: gains for such a cell are proposed for it"
@@ -265,12 +256,6 @@ def _squeezed(scenario: Scenario, statics: StaticTorques) -> tuple[Scenario, flo
                 "torque", f"{least.summary().removeprefix('! ')}; the drives hold no more"
             )
     return scenario, part
-
-
-def _with_steps(scenario: Scenario, steps: StepStability) -> Scenario:
-    """Return the scenario with as many steps in a tick as friction asks for."""
-    count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
-    return scenario.override({"clock.steps_per_tick": count}) if count > steps.steps_per_tick else scenario
 
 
 def _with_law(scenario: Scenario) -> tuple[tuple[str, ...], Scenario]:

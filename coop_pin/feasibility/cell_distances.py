@@ -16,6 +16,7 @@ from coop_pin.feasibility.convex_shapes import (
     ArmShapes,
     arm_shapes,
     disabled_pairs,
+    link_shapes,
     payload_geometry,
     srdf_of,
 )
@@ -54,7 +55,7 @@ class _Shape(NamedTuple):
 
     Attributes:
         body: name of its link as arm/link, "payload", or table/name.
-        robot: number of its robot; -1 for payload and tables.
+        robot: number of its robot, after them that of the payload; -1 for tables.
         link: name in the URDF.
         joint: index of the joint that moves it, 0 for none.
     """
@@ -68,10 +69,13 @@ class _Shape(NamedTuple):
 class CellDistances:
     """Distances between arms, payload and tables of a cell, whose payload is free in the tree.
 
+    The links of a payload of several are bodies payload/link, but that of P, with the joints where the grasps
+    are stated or as they are told. Their bodies are those of a robot.
+
     Pairs that cannot move against each other are none. Exempt are, of one robot: pairs that its SRDF
     disables, bodies with one joint between them (without an SRDF with one or two), and shapes that overlap at
-    each of 20 random configurations; and the bodies that hold the payload, from it. A payload that lies on a
-    table, by its lowest corner, is at no distance.
+    each of 20 random configurations; and the bodies that hold the payload or a link of it, from that. A
+    payload that lies on a table, by its lowest corner, is at no distance.
 
     Attributes:
         pairs: names of the bodies of each pair of shapes.
@@ -86,13 +90,13 @@ class CellDistances:
         self._model, self._geometry = self._tree.model, pin.GeometryModel()
         self._data, self._shapes = self._model.createData(), list[_Shape]()
         self.omitted, self.rules, self._kinds = list[str](), dict[str, str](), dict[str, str]()
-        self._disabled = dict[int, frozenset[frozenset[str]] | None]()
-        self._tips = {self._model.frames[slot.tip].parentJoint for slot in self._tree.arms}
+        self._payload = len(cell.arms)
+        self._disabled: dict[int, frozenset[frozenset[str]] | None] = {self._payload: None}
+        frames = {frame.name: int(frame.parentJoint) for frame in self._model.frames}
+        self._held = {(frames[f"{name}/grasp"], frames[f"payload/{name}"]) for name in cell.arms}
         for name in cell.arms:
             self._add_arm(name)
-        payload = cell.payload
-        X_PS = self._model.frames[self._tree.payload_frame].placement * pin.SE3(payload.shape_pose.matrix)
-        self._add(_Shape(PAYLOAD, -1, "", self._tree.payload_joint), X_PS, payload_geometry(payload))
+        self._add_payload()
         for name, table in cell.tables.items():
             top = pin.SE3(table.matrix) * pin.SE3(np.eye(3), np.array((0.0, 0.0, -0.5 * _THICK)))
             self._add(_Shape(f"table/{name}", -1, "", 0), top, pin.coal.Box(*table.size, _THICK))
@@ -115,7 +119,9 @@ class CellDistances:
             (self._shapes[pair.first], self._shapes[pair.second]) for pair in self._geometry.collisionPairs
         ]
         self._lying = {
-            k: tables[other.body] for k, (one, other) in enumerate(ends) if one.robot == other.robot == -1
+            k: tables[other.body]
+            for k, (one, other) in enumerate(ends)
+            if (one.robot, other.robot) == (self._payload, -1)
         }
 
     def _add_arm(self, name: str) -> None:
@@ -144,6 +150,22 @@ class CellDistances:
             pose = X_WB * pin.SE3(shape.pose) if joint == 0 else pin.SE3(shape.pose)
             self._add(_Shape(f"{name}/{shape.link}", robot, shape.link, joint), pose, shape.geometry)
 
+    def _add_payload(self) -> None:
+        """Add the shape of the payload, and of one with several links those of the others."""
+        payload, tree, robot = self._cell.payload, self._tree, self._payload
+        X_PS = self._model.frames[tree.payload_frame].placement * pin.SE3(payload.shape_pose.matrix)
+        self._add(_Shape(PAYLOAD, robot, "", tree.payload_joint), X_PS, payload_geometry(payload))
+        if (links := payload.links) is None or tree.linked is None:
+            return
+        shapes = link_shapes(links.text)
+        for link, X_LS, geometry in shapes:
+            if link != links.link:
+                joint, X = tree.linked.held(link, X_LS)
+                self._add(_Shape(f"{PAYLOAD}/{link}", robot, link, joint), X, geometry)
+        seen = {links.link, *(link for link, *_ in shapes)}
+        bare = [name for name, body in links.bodies.items() if body.mass and name not in seen]
+        self.omitted += [f"{PAYLOAD}/{name}: no box, cylinder or sphere" for name in bare]
+
     def _add(self, shape: _Shape, pose: pin.SE3, geometry: object) -> None:
         name = f"{len(self._shapes)} {shape.body}"
         self._geometry.addGeometryObject(pin.GeometryObject(name, shape.joint, pose, geometry))
@@ -151,8 +173,8 @@ class CellDistances:
 
     def _reason(self, one: _Shape, other: _Shape) -> str:
         """Return why a pair is exempt; empty if it is not."""
-        if PAYLOAD in (one.body, other.body):
-            return "holds it" if {one.joint, other.joint} & self._tips else ""
+        if (one.robot == self._payload) != (other.robot == self._payload):
+            return "holds it" if {(one.joint, other.joint), (other.joint, one.joint)} & self._held else ""
         if one.robot != other.robot or one.robot < 0:
             return ""
         disabled = self._disabled[one.robot]
@@ -184,15 +206,21 @@ class CellDistances:
         paths = [{*map(int, self._model.supports[joint])} for joint in (a, b)]
         return len(paths[0] ^ paths[1])
 
-    def configuration(self, arms: list[Array], X_WP: Array, shared: Array | None = None) -> Array:
+    def configuration(
+        self, arms: list[Array], X_WP: Array, shared: Array | None = None, links: Array | None = None
+    ) -> Array:
         """Return q of the tree from each arm's configuration and the payload's pose.
 
         Args:
             arms: Configuration of each arm.
             X_WP: Pose of the payload, shape (4, 4).
             shared: Positions of the shared joints, m or rad, shape (n,); their start when omitted.
+            links: Positions of the joints of a payload of several links, likewise.
         """
-        q = self._tree.configuration(arms, X_WP)
+        q, linked = self._tree.configuration(arms, X_WP), self._tree.linked
+        if linked is not None and links is not None:
+            q[linked.q_slice] = linked.angles.configuration(links)
+            q = linked.configured(q, X_WP)
         for slot, angle in zip(
             self._tree.shared, () if shared is None else shared, strict=shared is not None
         ):

@@ -18,7 +18,13 @@ from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.urdf.xml import Element, read_document
 from coop_pin.model.geometry import Kind, can_be_read, geometry_objects, with_located_meshes, without_meshes
-from coop_pin.model.pinocchio_model import ModelKey, load_unreduced_arm, model_key, unreduced_of
+from coop_pin.model.pinocchio_model import (
+    ModelKey,
+    load_unreduced_arm,
+    model_from_text,
+    model_key,
+    unreduced_of,
+)
 from coop_pin.model.shapes import Cylinder, Mesh, payload_shape
 
 _LARGEST_SRDF = 10_000_000
@@ -122,6 +128,25 @@ def payload_geometry(payload: Payload) -> Any:
             with contextlib.suppress(RuntimeError, ValueError):
                 return _convex(mesh)
     return pin.coal.Box(*payload.size)
+
+
+def link_shapes(text: str) -> list[tuple[str, Array, Any]]:
+    """Return link, pose in the link and shape of each shape of a payload of several links, but meshes.
+
+    Args:
+        text: the URDF; where it has no collision elements, those to draw count.
+    """
+    kind: Kind = "collision" if "<collision" in text else "visual"
+    bare = without_meshes(text, kind)
+    model = model_from_text(bare, "the payload")
+    return [
+        (
+            model.frames[part.parentFrame].name,
+            np.array(model.frames[part.parentFrame].placement.actInv(part.placement).homogeneous),
+            part.geometry,
+        )
+        for part in geometry_objects(model, bare, kind)[0]
+    ]
 
 
 def srdf_of(arm: Arm) -> Path | None:

@@ -120,7 +120,8 @@ def distances(
     Convex hulls stand for meshes, so that a body may be a little farther away than told. Links of one robot
     count against each other, too. Which pairs are exempt: CellDistances.
 
-    Shared joints are at their references, where they carry the arms of ``seen_by_arms``, and their payload.
+    Joints of a payload of several links are where the grasps are stated: its deflections are left out. Shared
+    joints are at their references, where they carry the arms of ``seen_by_arms``, and their payload.
 
     Args:
         scenario: Cell and motion.
@@ -152,6 +153,7 @@ def measured(
     arms: Sequence[list[Array]],
     payload: Sequence[Array],
     shared: Sequence[Array] | None = None,
+    links: Sequence[Array] | None = None,
 ) -> Distances:
     """Return the distances of a cell at n instants.
 
@@ -162,12 +164,14 @@ def measured(
         arms: Configuration of each arm at each of them.
         payload: X_WP at each of them, shape (4, 4).
         shared: Positions of the shared joints at each of them; their start when omitted.
+        links: Positions of the joints of a payload of several links, likewise.
     """
     clearance, closest = scenario.cell.clearance, dict[tuple[str, str], Nearest]()
     least, points = np.full(len(times), np.inf), np.full((len(times), 2, 3), np.nan)
     pairs = [("", "")] * len(times)
     for k, (configurations, X_WP) in enumerate(zip(arms, payload, strict=True)):
-        values = bodies.at(bodies.configuration(configurations, X_WP, None if shared is None else shared[k]))
+        joints = (None if each is None else each[k] for each in (shared, links))
+        values = bodies.at(bodies.configuration(configurations, X_WP, *joints))
         if not np.isfinite(values).any():
             continue
         nearest = int(np.argmin(values))

@@ -11,7 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array, typed
-from coop_pin.base.errors import InfeasibleMotionError, JointLimitError, UnreachablePoseError
+from coop_pin.base.errors import (
+    InfeasibleMotionError,
+    JointLimitError,
+    OpenClosureError,
+    UnreachablePoseError,
+)
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose
 from coop_pin.base.spatial.task_rows import joint_shortage
@@ -73,8 +78,11 @@ def closure_problem(scenario: Scenario) -> str:
     near = pin.integrate(model, q, away)
     if (
         scenario.cell.jointed or chain.joints is not None
-    ):  # a payload on joints alone must stay in the plane of planar arms
-        near = chain.mechanism.project_configuration(near)
+    ):  # planar arms keep a payload in their plane by joints
+        try:
+            near = chain.mechanism.project_configuration(near)
+        except OpenClosureError:
+            return "the closed chain is singular at the start: nothing near it is closed, as of a taut chain"
     here, nearby = (chain.mechanism.rank(at) for at in (q, near))
     if here >= nearby:
         return ""

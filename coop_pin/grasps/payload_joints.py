@@ -148,7 +148,10 @@ class PayloadJoints:
             if np.abs(step).max() < 1e-15:
                 break
         else:
-            raise FieldError("has joints without angles at rest near their start", "cell.payload.links")
+            detail = (
+                "has joints without angles at rest near their start, as a chain that its arms pull taut has"
+            )
+            raise FieldError(detail, "cell.payload.links")
         return q
 
     def require_reached(self, q: Array, X_WP: Array) -> None:

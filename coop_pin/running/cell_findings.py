@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError, OpenClosureError, shown
+from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError, shown
 from coop_pin.base.loaded_code import edited_files
 from coop_pin.base.memory import free_memory
 from coop_pin.base.schema.user_code import code_of
@@ -92,7 +92,7 @@ def task_findings(
         yield Finding("closure rank", "cell.grasps", "error", singular)
     if simulation is not None and reach.ok:
         yield from payload_findings(simulation)
-        yield from _stability_along(simulation, reach)
+        yield from stability_findings(simulation, reach)
         if gains_are_known(scenario):
             yield from _closed_loop(scenario)
     elif simulation is not None:
@@ -116,17 +116,6 @@ def freedom_findings(scenario: Scenario, reach: Reachability) -> Iterator[Findin
         leave = freedoms(seen.replace(motion=scenario.motion) if has_base else seen)
         severity: Any = "note" if leave.ok else "error"
         yield Finding("freedom", "motion", severity, leave.summary(), leave.left, leave.asked)
-
-
-def _stability_along(simulation: Simulation, reach: Reachability) -> list[Finding]:
-    """Return the stability along the motion, or at the start where a payload's base does not go with it."""
-    links = simulation.scenario.cell.payload.links
-    try:
-        return [*stability_findings(simulation, reach)]
-    except OpenClosureError:
-        if links is None or links.base is None:
-            raise
-        return [*stability_findings(simulation, None)]
 
 
 def prepared_run(scenario: Scenario, reach: Reachability) -> Simulation | None:

@@ -14,6 +14,8 @@ from coop_pin.simulation.simulation import Simulation
 
 _NEAR, _LIGHT = (0.25, 2.0), 0.05
 """Frequencies over the control rate that held torques excite, and the damping ratio below which they do."""
+_STILL = 1e-3
+"""Pole below which nothing returns a joint, 1/s."""
 _SWINGS = 0.02
 """Damping ratio below which a link that nobody holds swings on after the motion."""
 
@@ -32,6 +34,7 @@ def payload_findings(simulation: Simulation) -> Iterator[Finding]:
     names = chain.joints.linked.joint_names
     free = _unheld(simulation.scenario)
     modes = [_mode(poles[k], shapes[:, k], names) for k in swings]
+    stay = {names[np.argmax(np.abs(shapes[:, k]))] for k in np.flatnonzero(np.abs(poles) < _STILL)}
     near = [mode for mode in modes if _NEAR[0] <= mode[0] / rate <= _NEAR[1] and mode[1] < _LIGHT]
     if modes:
         slowest, worst = min(modes), min(near, key=lambda mode: mode[1], default=None)
@@ -45,6 +48,8 @@ def payload_findings(simulation: Simulation) -> Iterator[Finding]:
         )
     for joint, link in free.items():
         of_joint = [mode for mode in modes if mode[2] == joint]
+        if not of_joint and joint not in stay:  # another joint moves most in each of its modes
+            continue
         if not of_joint:
             sentence = f"nobody holds link {link!r}, and nothing returns joint {joint!r}"
             yield Finding("unheld link", f"cell.payload.links.joints.{joint}", "warning", sentence)

@@ -206,9 +206,12 @@ def _motion(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _grasps(scenario: Scenario) -> Iterator[Finding]:
-    """Yield tips outside the payload's shape."""
+    """Yield tips outside the payload's shape; of several links, of those that hold the link of P."""
     payload = scenario.cell.payload
+    of_P = "" if payload.links is None else payload.links.link
     for name, grasp in scenario.cell.grasps.items():
+        if scenario.cell.held_links.get(name, of_P) != of_P:
+            continue
         gap = _outside(inverse_pose(payload.shape_pose.matrix) @ (*grasp.xyz, 1.0), payload)
         if gap > _OUTSIDE_M:
             sentence = f"the tip of arm {name!r} is {1e3 * gap:.3g} mm outside the payload's shape"

@@ -29,7 +29,9 @@ def recorded_distances(result: RunResult) -> Distances:
     payload = np.zeros((len(turns), 4, 4))
     payload[:, :3, :3], payload[:, :3, 3], payload[:, 3, 3] = turns, data["payload_position"].values, 1.0
     shared = list(data["shared_position"].values) if scenario.cell.driven else None
-    return measured(scenario, CellDistances(scenario.cell), data["time"].values, arms, list(payload), shared)
+    links = None if scenario.cell.payload.links is None else list(data["payload_joint_position"].values)
+    bodies, times = CellDistances(scenario.cell), data["time"].values
+    return measured(scenario, bodies, times, arms, list(payload), shared, links)
 
 
 @typed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -119,6 +120,9 @@ def configurations_along(
 ) -> list[tuple[float, Array]]:
     """Return times, s, and configurations of the cell on the reference, evenly chosen, both ends among them.
 
+    Of a payload of several links those at which its base or its deflections leave the grasps closed; else the
+    start alone.
+
     Args:
         simulation: Simulation, as of motion_stability.
         cell_reach: Reachability, likewise.
@@ -136,23 +140,42 @@ def configurations_along(
     # Of the poses at t = 0, which lead to the reference, the last.
     samples = list({time: sample for sample, time in enumerate(reaches[0].times.tolist())}.items())
     chosen = np.unique(np.linspace(0, len(samples) - 1, most).astype(int)).tolist()
-    return [
+    along = [
         (time, model.configuration([reach.q[k] for reach in reaches], X_WP(time, k)))
         for time, k in (samples[index] for index in chosen)
     ]
+    if simulation.chain.joints is None:
+        return along
+    allowed = simulation.chain.mechanism.open_allowed
+    closed = [each for each in along if max(map(max, simulation.chain.closure_errors(each[1]))) <= allowed]
+    return closed or [(0.0, simulation.plant.q)]
+
+
+def damping_rates(simulation: Simulation, cell_reach: Reachability) -> Array:
+    """Return the eigenvalues lambda of D at the poses of ``motion_stability``, 1/s, shape (n, nv)."""
+    along = configurations_along(simulation, cell_reach, _POSES)
+    return np.array([np.linalg.eigvals(_damping(simulation, q, time)()).real for time, q in along])
+
+
+def _damping(simulation: Simulation, q: Array, time: float) -> Callable[..., Array]:
+    """Return D of a law that begins at a configuration and a time, by whether its messages are of rest."""
+    law, speed = RestingLaw(simulation, q, time), simulation.scenario.controller.near_rest.linear_speed
+
+    def damping(hears_rest: bool = False) -> Array:
+        def torque(v: Array) -> Array:
+            # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
+            measured = law.moving(speed * v)
+            return law.step(measured, law.state, law.at_rest if hears_rest else measured)[0] / speed
+
+        return damping_matrix(simulation, q, torque)
+
+    return damping
 
 
 def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:
     """Return the sampled stability at a configuration and a time."""
-    law, speed = RestingLaw(simulation, q, time), simulation.scenario.controller.near_rest.linear_speed
-
-    def torque(v: Array, hears_rest: bool = False) -> Array:
-        # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
-        measured = law.moving(speed * v)
-        return law.step(measured, law.state, law.at_rest if hears_rest else measured)[0] / speed
-
-    D = damping_matrix(simulation, q, torque)
-    eigenvalues, modes = np.linalg.eig(D)
+    damping = _damping(simulation, q, time)
+    eigenvalues, modes = np.linalg.eig(D := damping())
     clock, network = simulation.scenario.clock, simulation.scenario.network
     values = np.array([_stability_value(clock.period * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
@@ -161,7 +184,7 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
     )
     if network is None or not (late := network.oldest_of(list(simulation.scenario.cell.arms), clock)):
         return stability
-    D_now = damping_matrix(simulation, q, lambda v: torque(v, hears_rest=True))
+    D_now = damping(hears_rest=True)
     factor = delayed_factor(clock.period * D_now, clock.period * (D - D_now), late)
     return stability._replace(limit=factor * stability.value, delay=late) if factor < np.inf else stability
 

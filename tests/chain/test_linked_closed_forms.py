@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from linked_cells import linked
+from linked_cells import hanging_rope, linked
 from scipy.optimize import brentq
+from scipy.special import jn_zeros
 
 import coop_pin as cp
 from coop_pin.grasps import CellChain
@@ -135,4 +136,15 @@ def test_a_beam_between_two_arms_has_the_first_mode_of_a_clamped_one():
     chain = CellChain(cp.Cell(**cell), scenario.plant)
     poles, _ = chain.payload_modes(chain.configuration(scenario.start.matrix))
     exact = 4.7300407449**2 * np.sqrt(20.0 * 0.4 / 2.0 / 0.4**4)
+    assert poles.imag[poles.imag > 0.0].min() / exact == pytest.approx(1.0, abs=3e-3)
+
+
+def test_a_rope_that_hangs_from_a_hand_has_bessels_first_mode():
+    """w = (j_01 / 2) (g / L)^(1/2), with L from the first hinge on: that of half a rod is at the hand."""
+    scenario = hanging_rope()
+    chain = CellChain(scenario.cell, scenario.plant)
+    q = chain.configuration(scenario.start.matrix)
+    assert np.abs(chain.joints.positions(q)).max() < 1e-9
+    poles, _ = chain.payload_modes(q)
+    exact = jn_zeros(0, 1)[0] / 2.0 * np.sqrt(G / (0.4 - 0.4 / 8 / 2))
     assert poles.imag[poles.imag > 0.0].min() / exact == pytest.approx(1.0, abs=3e-3)

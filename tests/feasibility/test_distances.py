@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 from cells import SCENARIOS
 from lifts import planar_cell, planar_robot, spatial_cell, spatial_robot
+from linked_cells import linked
 from numpy.testing import assert_allclose
 from whole_robots import WholeRobot
 
@@ -24,6 +25,7 @@ from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import load_unreduced_arm
 from coop_pin.results.finding import LEFT_TO_CHECK
 from coop_pin.running.cell_findings import distance_findings
+from coop_pin.running.recorded_distances import recorded_distances
 
 COLLIDING = {"pick-carry-place": ("first/forearm_link", "third/wrist_1_link")}
 """Cells of the catalogue whose arms do pass through each other or the payload, and their nearest pair."""
@@ -38,6 +40,32 @@ def payload_at(scenario: cp.Scenario, pose: cp.Pose) -> tuple[CellDistances, np.
     q = [np.zeros(CellArm(scenario.cell, name).nq) for name in scenario.cell.arms]
     configuration = bodies.configuration(q, pose.matrix)
     return bodies, bodies.at(configuration), configuration
+
+
+@pytest.mark.parametrize(
+    ("name", "gap"), [("adept-anchored", 0.03), pytest.param("two-pandas-box", 0.05, marks=pytest.mark.gate)]
+)
+def test_links_of_a_payload_have_distances_in_closed_form(name, gap):
+    """A beam of five rods: in line the ends are 3 pitches apart; two right angles fold the last one back."""
+    scenario, pair = linked(name, "beam"), ("payload/rod0", "payload/rod4")
+    bodies, pitch = CellDistances(scenario.cell), 2.0 * gap
+    half = 0.5 * (0.02 if scenario.cell.rows == "full" else 0.1)  # of the section, in the plane of bending
+    q = [np.zeros(CellArm(scenario.cell, arm).nq) for arm in scenario.cell.arms]
+
+    def distance(*angles, pair=pair):
+        at = bodies.at(bodies.configuration(q, np.eye(4), links=np.array(angles)))
+        return at[bodies.pairs.index(pair)]
+
+    assert distance(0.0, 0.0, 0.0, 0.0) == pytest.approx(3.0 * pitch, abs=1e-6)
+    turn = np.pi / 2.0  # of rod3 across the line, and of rod4 back along it
+    across = np.hypot(gap, max(pitch - 2.0 * half, 0.0))
+    assert distance(0.0, 0.0, turn, turn, pair=("payload/rod1", "payload/rod4")) == pytest.approx(
+        across, abs=1e-6
+    )
+    held = {each.pair for each in bodies.exempt if each.reason == "holds it"}
+    assert {end for _, end in held} == {"payload/rod0", "payload/rod4"}
+    result = cp.run(scenario.replace(duration=0.02), warn=False)
+    assert recorded_distances(result).least[-1] != distances(scenario, poses=5).least[0]
 
 
 def with_table(scenario: cp.Scenario, **changes) -> cp.Scenario:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from linked_cells import PAYLOADS, box_with_lid, door, linked, random_state
+from linked_cells import PAYLOADS, box_with_lid, door, hanging_rope, linked, random_state
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import ArgumentError, FieldError
+from coop_pin.base.errors import ArgumentError, FieldError, InfeasibleMotionError
 from coop_pin.base.spatial import FullRows
+from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.urdf import find_urdf
 from coop_pin.grasps import CellChain
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
@@ -286,9 +287,14 @@ def test_what_a_linked_payload_does_not_go_with_is_refused_by_name():
     with pytest.raises(FieldError, match="one joint moves"):
         cp.Payload.of_links(box_with_lid(), "box", base={"xyz": (0.0, 0.0, 0.0)})
     with pytest.raises(ArgumentError, match="several links"):
-        cp.suggest(scenario)
-    with pytest.raises(ArgumentError, match="several links"):
         cell.require_rigid("this")
+    assert "hinge1" in str(pinocchio_reason(scenario))
+    with pytest.raises(InfeasibleMotionError, match="freedoms"):
+        cp.suggest(linked("adept-anchored", "door"), poses=5)
+    taut = {"kind": "chain", "mass": 0.5, "length": 0.24, "links": 9, "axis": "z"}
+    changes = {"cell.payload": taut, "cell.grasps.right.link": "rod8"}
+    with pytest.raises(InfeasibleMotionError, match="taut"):
+        cp.suggest(linked("adept-anchored", "beam", **changes), poses=5)
     hinged = cell.replace(
         grasps={**cell.grasps, "left": {**cell.grasps["left"].model_dump(), "kind": "hinge"}}
     )
@@ -307,6 +313,9 @@ def test_links_that_nobody_holds_are_found():
     held = linked("two-pandas-box", "beam")
     kinds = {finding.kind for finding in payload_findings(Simulation(held))}
     assert kinds == {"payload mode"}
+    for g, loose in ((-9.81, 0), (0.0, 8)):  # its weight returns all hinges of a rope
+        rope = Simulation(hanging_rope(**{"cell.gravity": (0.0, 0.0, g)}))
+        assert sum("nothing returns" in finding.sentence for finding in payload_findings(rope)) == loose
     box = cp.Payload.of_links(box_with_lid(), "box", joints={"hinge": {"damping": 1e-4}})
     loose = cp.Scenario.load("two-pandas-box")
     loose = loose.replace(cell=loose.cell.replace(payload=box))
@@ -455,3 +464,31 @@ def test_laws_that_share_the_weight_of_a_door_are_refused(changes, field):
     scenario = cp.Scenario.load("two-pandas-door", changes)
     with pytest.raises(FieldError, match=field):
         build_controller(scenario)
+
+
+PROPOSED = {
+    "Adepts, lid": lambda: linked("adept-anchored", "lid"),
+    "Adepts, beam": lambda: linked("adept-anchored", "beam"),
+    "Adepts, table": lambda: linked("adept-anchored", "table"),
+    "Pandas, lid": lambda: linked("two-pandas-box", "lid"),
+    "Pandas, beam": lambda: linked("two-pandas-box", "beam", **{"task.moment": 1.0}),
+    "Pandas, table": lambda: linked("two-pandas-box", "table", **{"task.moment": 1.0}),
+    "Pandas, door": lambda: cp.Scenario.load("two-pandas-door"),
+    "UR5, beam of 2 m": beam_of_two_metres,
+    "a Panda, rope": hanging_rope,
+}
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=pytest.mark.slow if k else pytest.mark.gate)
+        for k, case in enumerate(PROPOSED)
+    ],
+)
+def test_a_proposal_for_a_payload_of_several_links_passes_its_own_check_and_keeps_the_task(case):
+    """A squeeze bends links that give: the bias b of the views that this is leaves c k_I K gamma b / beta."""
+    proposed = cp.suggest(PROPOSED[case](), poses=11)
+    assert not proposed.findings().of("error")
+    result = cp.run(proposed.scenario, warn=False)
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
