@@ -3,6 +3,7 @@
 import sys
 
 import pytest
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.schema.user_code import ALLOWED
@@ -72,7 +73,7 @@ def test_no_code_refuses_code_of_the_working_folder_before_it_is_imported(strang
     assert not (tmp_path / "imported").exists()
 
 
-@pytest.mark.parametrize("command", ["check", "run", "sweep"])
+@pytest.mark.parametrize("command", by_default(["check", "run", "sweep"], "run"))
 def test_code_is_told_in_the_first_line_before_it_is_imported(stranger, own, command, capsys):
     stranger(own)
     main(COMMANDS[command])

@@ -6,6 +6,7 @@ from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS, arm_of
 from numpy.testing import assert_allclose
 from page_texts import read_numbers, require_numbers, rounds_to
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ScenarioError
@@ -157,7 +158,7 @@ CASES = {"planar": (50.0, 60.0, 80.0), "spatial": (30.0, 12.0, 18.0)}
 """Load, N, the time in which it comes, s, and the duration of the run, s."""
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "spatial"))
 def test_a_slow_load_on_the_plant(name):
     """c_2 (L - K gamma (delta - b)); the UR5 have turned grasp frames and unequal shares."""
     load, ramp, duration = CASES[name]

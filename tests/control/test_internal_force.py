@@ -95,7 +95,10 @@ def test_internal_force_error_grows_with_alpha(rate, steps, duration, alphas):
     assert errors[-1] > 30 * errors[0]
 
 
-@pytest.mark.parametrize("path", [{"kind": "late"}, {"kind": "low-pass", "pole": 0.9}])
+@pytest.mark.parametrize(
+    "path",
+    by_default([{"kind": "late"}, {"kind": "low-pass", "pole": 0.9}], {"kind": "low-pass", "pole": 0.9}),
+)
 def test_force_gain_only_divides_by_one_plus_itself(path):
     """ "Larger K_f converges faster": it is the static factor 1 / (1 + K_f)."""
     gains = [0.0, 0.5, 0.9] if path["kind"] == "late" else [0.0, 1.0, 9.0]

@@ -5,6 +5,7 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.spatial import make_pose
@@ -134,7 +135,7 @@ def test_no_drift_in_a_minute():
     assert late < 0.01
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_a_bias_leaves_no_force_that_grows(cell):
     """Each arm on its own view pulls harder by the second; on the mean of all views it does not."""
     fields = ANCHORED[cell].model_dump(exclude={"kind", "force_path"})

@@ -6,6 +6,7 @@ from cells import CATALOGUE_CELLS, FAR_CELLS, SCENARIOS, arm_of
 from close import assert_close
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, SingularJacobianError
@@ -480,7 +481,7 @@ def biased_run(name, controller, bias):
     )
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_under_a_boundary_layer_a_kinematic_bias_winds_the_internal_force_up_at_a_constant_rate(name):
     """Two arms at rest: f' = c_1 c_2 K_x alpha gamma b / width.
 

@@ -119,7 +119,7 @@ BIASED = {
 }
 
 
-CASES = [("adept-anchored", 5.0, 0.1), ("two-pandas-box", 0.0, 0.1)]
+CASES = [("adept-anchored", 5.0, 0.1)]
 LONGER = [(name, k_I, rho) for name in BIASED for k_I in (0.0, 5.0) for rho in (1.0, 0.1)]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import (
@@ -221,7 +222,7 @@ def test_every_robot_that_is_an_arm_tells_its_tip_and_the_gripper_is_locked():
         robot.idle("nowhere")
 
 
-@pytest.mark.parametrize("motion", ["circle", "hold"])
+@pytest.mark.parametrize("motion", by_default(["circle", "hold"], "circle"))
 def test_motion_and_squeeze_are_those_asked_for(motion):
     edges = (0.24, 0.03, 0.03)
     new = cp.new_cell(["adept_3dof"] * 2, "bar", size=edges, motion=motion, squeeze=7.5)

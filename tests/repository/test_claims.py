@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 from page_texts import read_numbers, require_numbers
 from scipy.linalg import eigh, expm
 from scipy.optimize import brentq
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.comparison import controllers_for
@@ -319,7 +320,7 @@ def one_axis(rows, alpha, folder):
     )
 
 
-@pytest.mark.parametrize("rows", GANTRIES)
+@pytest.mark.parametrize("rows", by_default(GANTRIES, "planar"))
 def test_a_force_gain_leaves_a_part_of_what_contradicts_theorem_3(rows, tmp_path):
     """A quarter of 0.8333 N at K_f 3, behind a low-pass."""
     filtered = {"sensors.wrist": {}, "controller.force_path": {"kind": "low-pass", "pole": 0.9}}

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from lifts import planar_cell, planar_robot, spatial_cell, spatial_robot
 from numpy.testing import assert_allclose
+from tiers import by_default
 from whole_robots import WholeRobot
 
 import coop_pin as cp
@@ -435,7 +436,7 @@ class Pushing(ArmController):
     "hinges",
     [(), *(pytest.param(arms, marks=pytest.mark.slow) for arms in (("left",), ("left", "right")))],
 )
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", by_default(CELLS, "planar"))
 def test_a_joint_on_a_shared_one_hits_its_stop_and_the_books_balance(name, hinges, tmp_path):
     """Rotors, a lift or rail that moves, hinges and stops in one cell; the spring is that of its law."""
     make, text, (first, second), _ = CELLS[name]

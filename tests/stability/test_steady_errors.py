@@ -7,6 +7,7 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, OutOfRangeError
@@ -215,7 +216,7 @@ def fixed_bound(b_0, b_0_turn=0.1):
     return {f"controller.{name}": [b_0, b_0_turn] for name in ("anchor_bias", "anchor_bias_answered")}
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_a_bias_comes_to_rest_up_to_the_limit_and_ramps_beyond(cell):
     """At equal shares and b_max = 6 b_0; a fixed bound ramps at the rate that is told."""
     shares = {"cell.load_shares": {"left": 0.5, "right": 0.5}}
@@ -237,7 +238,7 @@ def test_a_bias_comes_to_rest_up_to_the_limit_and_ramps_beyond(cell):
     assert [each.force for each in told] == [np.inf, np.inf]
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_the_bias_of_an_anchor_for_a_tip_and_a_turned_base(cell):
     """0.9 of it ramps, 1.1 of it bears it, whatever the shares; the turn acts by the distance of the base."""
     base = at_rest(cell)

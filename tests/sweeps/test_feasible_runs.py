@@ -47,7 +47,8 @@ def no_runs(runs_here):
 @pytest.mark.parametrize(
     ("cell", "asked"),
     [
-        *(("planar", slice(1)), ("spatial", slice(2, 3))),
+        ("planar", slice(1)),
+        pytest.param("spatial", slice(2, 3), marks=pytest.mark.slow),
         pytest.param("planar", slice(1, None), marks=pytest.mark.gate),
     ],
 )
