@@ -164,7 +164,7 @@ def test_a_slow_load_on_the_plant(name):
     load, ramp, duration = CASES[name]
     steps = [(k * ramp / 240, (load / 240, 0.0, 0.0)) for k in range(240)]
     scenario = cell_with(name, (1e-3, 0.0, 0.0), steps, duration)
-    result = cp.run(scenario, warn=False)
+    result = cp.run(scenario, warn=False, engine="compiled")
     error = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-2, 0, :3]
     errors = steady_errors(scenario, bias=1e-3, load=load)
     gains, (delta, _) = scenario.controller.gains, scenario.controller.integral_dead_zone
@@ -199,7 +199,9 @@ def test_a_load_at_once_rests_below_the_product(load, begin, error, force, below
     changes = {f"controller.{name}": value for name, value in law.items()} | linear
     pulse = {"kind": "wrench-pulse", "time": begin, "duration": 60.0 - begin, "wrench": [load, 0, 0, 0, 0, 0]}
     tip = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
-    result = cp.run("adept-anchored", changes | tip | {"events": [pulse], "duration": 60.0}, warn=False)
+    result = cp.run(
+        "adept-anchored", changes | tip | {"events": [pulse], "duration": 60.0}, warn=False, engine="compiled"
+    )
     off = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-2, 0, :2]
     x = float(np.linalg.norm(result.data.pose_error.values[-2, :2]))
     assert_allclose((x, np.linalg.norm(off)), (error, force), rtol=0.02)

@@ -40,7 +40,7 @@ def tip_of(cell, bias=1e-3):
 def judged(cell, controller, changes, duration=5.0):
     """Position, mm, and internal-force error, N, rms from 0.4 of the run on."""
     scenario = benchmark_scenario(cp.Scenario.load(cell), duration)
-    result = cp.run(scenario, {"controller": controller} | changes, warn=False)
+    result = cp.run(scenario, {"controller": controller} | changes, warn=False, engine="compiled")
     window = (0.4 * duration, duration)
     return 1e3 * result.position_rms(window=window), result.internal_force(window=window).force_rms_error
 
@@ -147,7 +147,8 @@ def test_a_bias_leaves_no_force_that_grows(cell):
     for kind in ("payload-space", "mean-pose"):
         law = {"controller": {"kind": kind} | fields}
         force, without = (
-            cp.run(scenario, law | change, warn=False).data.internal_axial_error for change in (bias, {})
+            cp.run(scenario, law | change, warn=False, engine="compiled").data.internal_axial_error
+            for change in (bias, {})
         )
         caused = np.abs((force - without).sel(time=[0.5, 1.0], method="nearest").values)
         growth[kind] = float(np.max(caused[1] - caused[0]))

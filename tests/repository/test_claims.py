@@ -356,7 +356,7 @@ def test_unequal_pose_gains_drive_the_internal_force_by_the_integral():
             "controller.arm_gains": {"right": gains.replace(pose_gain=3.0).model_dump()},
             "beyond_bound": True,
         }
-        data = cp.run(paper, changes, warn=False).data
+        data = cp.run(paper, changes, warn=False, engine="compiled").data
         error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0, time=-2).values
         errors.append(np.linalg.norm(error[:2]))
     assert_allclose(errors, [68.0, 0.09], rtol=0.06)

@@ -48,7 +48,7 @@ def test_force_feedback_slows_the_ramp_and_divides_what_a_spring_holds(force_gai
     tip = {"events": [], "duration": 8.0, "cell.arms.left.calibration_error.tip.xyz": [2.5e-3, 0.0, 0.0]}
     found = errors(gains | fixed, bias=2.5e-3)
     assert_allclose(found.growth, 1.0 / (1.0 + force_gain))
-    data = cp.run("adept-anchored", gains | fixed | tip, warn=False).data
+    data = cp.run("adept-anchored", gains | fixed | tip, warn=False, engine="compiled").data
     error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0).values[:, :2]
     before, last = (np.linalg.norm(error[index]) for index in (-162, -2))
     assert_allclose((last - before) / 2.0, found.growth, rtol=0.01)
@@ -111,9 +111,17 @@ def test_the_printed_law_without_its_integral_is_a_spring(cell):
     forces, sags = [], []
     for axis in np.eye(3)[linear]:
         tip = {"cell.arms.right.calibration_error.tip.xyz": (X_WE[:3, :3].T @ axis * 1e-3).tolist()}
-        forces.append(cp.run(scenario.override(tip), warn=False).data.internal_wrench.values[-1, 0, linear])
+        forces.append(
+            cp.run(scenario.override(tip), warn=False, engine="compiled").data.internal_wrench.values[
+                -1, 0, linear
+            ]
+        )
         load = WrenchPulse(time=0.0, duration=duration, wrench=(*(5.0 * axis), 0.0, 0.0, 0.0))
-        sags.append(cp.run(scenario.replace(events=(load,)), warn=False).data.pose_error.values[-1, linear])
+        sags.append(
+            cp.run(scenario.replace(events=(load,)), warn=False, engine="compiled").data.pose_error.values[
+                -1, linear
+            ]
+        )
     found = steady_errors(scenario, bias=1e-3, load=5.0)
     assert_allclose(np.linalg.norm(sags, 2), found.sag, rtol=0.02)
     assert_allclose(np.linalg.norm(forces, 2), found.force, rtol=0.02)
