@@ -131,6 +131,7 @@ def test_the_interface_has_the_same_rule(stranger, tmp_path):
     assert not (tmp_path / "PWNED").exists()
 
 
+@pytest.mark.gate
 def test_pages_of_a_result_call_nothing_that_it_names(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = cp.run("adept-anchored", {"duration": 0.02, "events": []}, warn=False)

@@ -61,7 +61,8 @@ def test_the_scenarios_without_a_compiled_plant_are_known():
     assert {name for name, reason in reasons.items() if reason} == ONLY_PINOCCHIO
 
 
-ALWAYS = ["events planar", "everything at once, anchored, spatial"]
+LARGEST = "everything at once, anchored, spatial"
+ALWAYS = ["events planar", LARGEST]
 QUICK = {*ALWAYS, *random.Random(31).sample(sorted({*RUNS} - {*ALWAYS, "cell two-pandas-box"}), 2)}
 
 
@@ -77,7 +78,13 @@ def finished(scenario, way):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in RUNS]
+    "name",
+    [
+        pytest.param(
+            name, marks=[pytest.mark.gate] if name == LARGEST else [] if name in QUICK else [pytest.mark.slow]
+        )
+        for name in RUNS
+    ],
 )
 def test_a_lane_is_the_run_on_pinocchio(name):
     scenario = RUNS[name]()
@@ -181,6 +188,7 @@ def test_an_hour_of_two_pandas_takes_less_than_1_gb_and_its_page_less_than_4_mb(
     assert files[1].stat().st_size < 4e6
 
 
+@pytest.mark.gate
 def test_a_run_says_what_auto_would_have_saved(monkeypatch, caplog):
     from coop_pin.running import run_scenario
 

@@ -13,6 +13,7 @@ from coop_pin.base.errors import ScenarioError
 from coop_pin.base.spatial import make_pose, task_rows
 from coop_pin.compiled import BatchSimulator
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace, Saturation
+from coop_pin.running.check import run_findings
 from coop_pin.stability import steady_errors
 
 GAMMA, K, K_I, MASS = 2.0, 800.0, 5.0, 67.0
@@ -260,10 +261,10 @@ def test_check_judges_the_loop_beyond_the_zone_and_the_forecast_says_what_it_lea
     )
     assert with_zone.controller.beyond_dead_zone == without.controller
     loops = [
-        next(each for each in cp.check(scenario, poses=POSES) if each.kind == "loop stability").value
+        next(each for each in run_findings(scenario) if each.kind == "loop stability").value
         for scenario in (with_zone, without)
     ]
     assert loops[0] == loops[1]
     assert any("dead zone" in each.sentence for each in cp.check(with_zone, poses=POSES))
     fast = {"controller.gains.sign_gain": 4.0, "controller.gains.pose_gain": 20.0}
-    assert not cp.check(with_zone.override(fast), poses=POSES).ok
+    assert not run_findings(with_zone.override(fast)).ok

@@ -148,6 +148,7 @@ def test_a_dead_arm_brings_the_other_anchor_to_its_bound(name):
     assert times[1] == 0.0
 
 
+@pytest.mark.gate
 def test_a_sweep_tells_the_time_at_the_bound(tmp_path):
     """A column of the table by either engine: an arm lost at 0.4 and at 0.7 s."""
     plan = cp.SweepPlan(

@@ -84,14 +84,25 @@ TROUBLES = ("rate", "steps", "mm", "degrees", "squeeze", "record")
 @pytest.mark.parametrize(
     ("trouble", "kind"),
     [
-        *((trouble, "planar") for trouble in TROUBLES),
+        *(("rate", "planar"), ("steps", "planar"), ("mm", "planar")),
         pytest.param("steps", "spatial", marks=pytest.mark.gate),
+        *(pytest.param(each, "planar", marks=pytest.mark.slow) for each in TROUBLES[3:]),
         *(pytest.param(each, "spatial", marks=pytest.mark.slow) for each in TROUBLES if each != "steps"),
     ],
 )
 def test_a_remedy_cures_its_finding_and_brings_no_other_error(kind, trouble):
     """Field and value of each are executed; a run lists the same findings."""
     assert_a_remedy_works(*doubtful(kind, trouble))
+
+
+def test_remedies_of_a_unit_a_squeeze_and_a_record_work_together():
+    wrong = {"cell.arms.right.base.rpy": [0.0, 0.0, 180.0], "squeeze": {}, "duration": 36000.0}
+    scenario = cell_of("planar").override(wrong)
+    findings = [finding for finding in quick(scenario) if finding.severity == "warning"]
+    assert {finding.kind for finding in findings} == {"unit", "squeeze", "record size"}
+    for finding in findings:
+        scenario = scenario.override(finding.remedy)
+    assert {finding.severity for finding in quick(scenario)} == {"note"}
 
 
 def test_what_is_known_before_a_long_run_takes_no_memory_of_its_record():
