@@ -136,7 +136,7 @@ def test_an_interrupted_lane_keeps_its_first_chunks(every):
 
 
 @pytest.mark.parametrize(
-    ("case", "every"), [("planar", 1), pytest.param("spatial", 7, marks=pytest.mark.gate)]
+    ("case", "every"), [("planar", 1), pytest.param("spatial", 7, marks=pytest.mark.slow)]
 )
 def test_a_lane_in_parts_is_the_run_on_pinocchio(case, every, monkeypatch):
     """With squeeze, payload and torque that change in later parts than the first."""

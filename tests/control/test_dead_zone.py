@@ -176,7 +176,7 @@ def test_a_slow_load_on_the_plant(name):
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_a_batch_is_the_single_run(name):
     scenario = cell_with(name, (1e-3, 0.0, 0.0), [(0.1, (30.0, 5.0, 0.0))], 0.6)
     single = cp.run(scenario, engine="pinocchio", warn=False).data

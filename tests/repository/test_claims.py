@@ -161,7 +161,7 @@ def test_a_mode_of_the_sampled_motion_is_that_of_the_page(rate, gamma, k_I, lag)
     )
 
 
-@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_catalogues_damping_is_as_the_page_says(every):
     """Of the sampled loop along the motions; least eigenvalue of A^-1 K at three poses."""
     page = (CONCEPTS / "payload-space.md").read_text(encoding="utf-8")

@@ -85,7 +85,7 @@ TROUBLES = ("rate", "steps", "mm", "degrees", "squeeze", "record")
     ("trouble", "kind"),
     [
         *(("rate", "planar"), ("steps", "planar"), ("mm", "planar")),
-        pytest.param("steps", "spatial", marks=pytest.mark.gate),
+        pytest.param("steps", "spatial", marks=pytest.mark.slow),
         *(pytest.param(each, "planar", marks=pytest.mark.slow) for each in TROUBLES[3:]),
         *(pytest.param(each, "spatial", marks=pytest.mark.slow) for each in TROUBLES if each != "steps"),
     ],
@@ -230,7 +230,7 @@ def test_a_drive_that_the_motion_overloads_later_is_named_by_a_run():
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("kind", SOUND)
+@pytest.mark.parametrize("kind", by_default(SOUND, "planar"))
 def test_a_start_out_of_reach_is_a_finding_not_an_exception(kind):
     """A payload five metres away: what can be known is listed, and what cannot is named."""
     scenario = cell_of(kind)

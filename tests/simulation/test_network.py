@@ -212,7 +212,7 @@ def test_graphs():
     ("cell", "network"),
     [
         ("two planar", "all arms"),
-        pytest.param("two planar", "far", marks=pytest.mark.gate),
+        pytest.param("two planar", "far", marks=pytest.mark.slow),
         pytest.param("two spatial", "far", marks=pytest.mark.gate),
     ],
 )

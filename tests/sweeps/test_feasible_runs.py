@@ -114,7 +114,7 @@ def test_a_law_that_the_cell_cannot_have_is_refused_by_all(tmp_path):
         require_feasible([scenario(cell, {"controller": SLIDING})])
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_runs_of_which_one_can_succeed_are_not_refused(cell):
     sound, lost = scenario(cell), scenario(cell, AWAY)
     require_feasible([lost, sound])

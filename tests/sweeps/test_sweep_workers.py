@@ -125,7 +125,7 @@ KINDS = {
     "modes",
     [
         ("exit", "none"),
-        pytest.param(("hang", "exit", "memory", "none"), marks=pytest.mark.gate),
+        pytest.param(("hang", "exit", "memory", "none"), marks=pytest.mark.slow),
         pytest.param(tuple(KINDS) * 2, marks=pytest.mark.slow),
     ],
 )

@@ -838,7 +838,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.gate] * (name == "endless.dae")) for name in HOSTILE]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "endless.dae")) for name in HOSTILE]
 )
 def test_a_mesh_that_would_end_or_stop_the_process_or_is_not_finite_is_not_drawn(name, tmp_path):
     (tmp_path / name).write_bytes(HOSTILE[name])
