@@ -18,6 +18,11 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 
+def pytest_collection_modifyitems(items):
+    """What the gate adds takes longest: it comes first, and short tests keep all workers busy at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("gate") is None)
+
+
 def pytest_collection_finish():
     """Leave modules and tests, which live as long as the process, out of each later search for garbage."""
     gc.collect()
