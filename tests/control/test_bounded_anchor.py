@@ -538,8 +538,8 @@ def test_the_law_is_that_without_a_bound_while_none_acts(name):
     bias = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0], "clock.steps_per_tick": 1}
     scenario = anchored(name, 1.0 if name == "planar" else 0.3, bias)
     bounded, without = (
-        cp.run(scenario, warn=False, engine="compiled"),
-        cp.run(scenario, NONE, warn=False, engine="compiled"),
+        cp.run(scenario, warn=False),
+        cp.run(scenario, NONE, warn=False),
     )
     assert_array_equal(bounded.data.torque, without.data.torque)
 
@@ -635,7 +635,7 @@ def test_a_run_that_ends_at_the_bound_says_so(name, tmp_path):
     dead = calm.override(
         {f"arm_actuators.{arms[-1]}": calm.actuators.replace(torque_lost_at=0.5).model_dump()}
     )
-    results = [cp.run(scenario, warn=False, engine="compiled") for scenario in (calm, dead)]
+    results = [cp.run(scenario, warn=False) for scenario in (calm, dead)]
     texts = [result.data.attrs.get(cp.RunResult.REMARKS, "").splitlines() for result in results]
     assert texts[0] == []
     assert {text.partition(":")[0] for text in texts[1]} >= set(arms[:-1])

@@ -322,6 +322,6 @@ def test_a_wrapped_law_commands_velocities_and_remarks_like_the_law_itself(cell)
         actuators={"servo": servo},
         controller=law,
     )
-    result = cp.run(told, warn=False, engine="compiled")
+    result = cp.run(told, warn=False)
     assert {build_controller(told).commands_of(arm) for arm in told.cell.arms} == {"velocity"}
     assert result.data.attrs[result.REMARKS].count("it has learned a payload") == len(told.cell.arms)

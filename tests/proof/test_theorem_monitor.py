@@ -18,7 +18,7 @@ def moving(name, alpha):
     changes["controller.force_path.kind"] = "late"
     if name == "spatial":
         changes["motion"] = {"kind": "hold", "pose": {"xyz": [0.45, 0.07, 0.42], "rpy": [0.3, -0.1, 0.5]}}
-    return cp.run(scenario, changes, warn=False, engine="compiled")
+    return cp.run(scenario, changes, warn=False)
 
 
 @pytest.fixture(scope="module", params=SCENARIOS)
@@ -100,7 +100,7 @@ MEASURED = {
 
 def anchored(name, changes, duration=0.12):
     scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], duration=duration, events=())
-    return cp.run(scenario, changes | (AWAY if name == "spatial" else {}), warn=False, engine="compiled")
+    return cp.run(scenario, changes | (AWAY if name == "spatial" else {}), warn=False)
 
 
 def largest(values):
@@ -141,9 +141,7 @@ def test_a_dead_arm_brings_the_other_anchor_to_its_bound(name):
             zip(("controller.anchor_bias", "controller.anchor_bias_answered"), bounds, strict=True)
         )
         changes[f"arm_actuators.{last}.torque_lost_at"] = lost_at
-        times.append(
-            anchor_bounded_time(cp.run(scenario, changes, warn=False, engine="compiled"))["anchor_bounded_s"]
-        )
+        times.append(anchor_bounded_time(cp.run(scenario, changes, warn=False))["anchor_bounded_s"])
     assert 0.0 < times[0] <= 0.1 + 1e-9
     assert times[1] == 0.0
 
@@ -192,7 +190,6 @@ def test_the_derivation_holds_for_three_and_for_unequal_arms(cell, measured):
         scenario,
         {f"cell.arms.{arm}.calibration_error": arms[arm] for arm in arms},
         warn=False,
-        engine="compiled",
     )
     monitor = theorem_monitor(result)
     assert result.simulation_sound, result.verdict()
@@ -208,7 +205,7 @@ def test_the_printed_laws_identities_close_for_three_arms(cell):
     if cell == "spatial":
         law = spatial_scenario().controller
         scenario = cp.Scenario.load("three-ur5-plate", {"duration": 0.04}).replace(controller=law)
-    monitor = theorem_monitor(cp.run(scenario, warn=False, engine="compiled"))
+    monitor = theorem_monitor(cp.run(scenario, warn=False))
     assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])
     assert largest(monitor["balance_25"]) < 1e-6 * largest(monitor["u_prime"])
     assert largest(monitor["residual_21"]) < 1e-12

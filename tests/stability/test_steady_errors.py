@@ -111,17 +111,9 @@ def test_the_printed_law_without_its_integral_is_a_spring(cell):
     forces, sags = [], []
     for axis in np.eye(3)[linear]:
         tip = {"cell.arms.right.calibration_error.tip.xyz": (X_WE[:3, :3].T @ axis * 1e-3).tolist()}
-        forces.append(
-            cp.run(scenario.override(tip), warn=False, engine="compiled").data.internal_wrench.values[
-                -1, 0, linear
-            ]
-        )
+        forces.append(cp.run(scenario.override(tip), warn=False).data.internal_wrench.values[-1, 0, linear])
         load = WrenchPulse(time=0.0, duration=duration, wrench=(*(5.0 * axis), 0.0, 0.0, 0.0))
-        sags.append(
-            cp.run(scenario.replace(events=(load,)), warn=False, engine="compiled").data.pose_error.values[
-                -1, linear
-            ]
-        )
+        sags.append(cp.run(scenario.replace(events=(load,)), warn=False).data.pose_error.values[-1, linear])
     found = steady_errors(scenario, bias=1e-3, load=5.0)
     assert_allclose(np.linalg.norm(sags, 2), found.sag, rtol=0.02)
     assert_allclose(np.linalg.norm(forces, 2), found.force, rtol=0.02)
