@@ -1,9 +1,9 @@
-"""Cases of a parametrised test that are run by default; the others by ``-m slow``, or by the gate."""
+"""Cases of a parametrised test that are run by default; the others by the gate, or by ``-m slow``."""
 
 import pytest
 
 
-def by_default(cases, *kept, others=pytest.mark.slow):
+def by_default(cases, *kept, others=pytest.mark.gate):
     """Mark the cases that are neither kept nor marked; a case of several arguments is a tuple."""
     return [
         case

@@ -189,7 +189,7 @@ def test_whole_runs_of_laws_in_classes_are_those_of_coop_pin_run(cell, changes, 
     assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_laws_with_one_plant_that_differ_in_more_than_numbers_have_their_own_code(cell):
     """All switching functions have one number, so that their runs would fit each other's code."""
     simulator = BatchSimulator(machine=NumpyMachine)
@@ -261,7 +261,7 @@ def users(target, cell="planar", **options):
 
 
 @pytest.mark.parametrize("target", ["Law", "OfTheCell"])
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_a_users_controller_runs_in_a_batch_if_it_can_be_traced(target, cell):
     scenarios = [users(target, cell, stiffness=stiffness) for stiffness in (300.0, 400.0)]
     assert support(scenarios[0]) is None

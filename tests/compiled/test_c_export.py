@@ -92,7 +92,7 @@ def test_laws_that_command_servos_are_exported_with_what_they_send(cell, kind, t
     ("cell", "law", "path"),
     [
         ("planar", "all", "messages"),
-        pytest.param("spatial", "consensus", "messages", marks=pytest.mark.slow),
+        pytest.param("spatial", "consensus", "messages", marks=pytest.mark.gate),
         pytest.param("planar", "all", "learned-load", marks=pytest.mark.slow),
         pytest.param("spatial", "all", "consensus", marks=pytest.mark.slow),
     ],

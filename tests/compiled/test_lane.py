@@ -146,7 +146,7 @@ def test_code_for_few_ticks_has_the_bits_of_code_for_many(name):
 
 
 @pytest.mark.parametrize(
-    ("case", "every"), [("planar", 1), pytest.param("spatial", 7, marks=pytest.mark.slow)]
+    ("case", "every"), [("planar", 1), pytest.param("spatial", 7, marks=pytest.mark.gate)]
 )
 def test_a_lane_in_parts_is_the_run_on_pinocchio(case, every, monkeypatch):
     """With squeeze, payload and torque that change in later parts than the first."""

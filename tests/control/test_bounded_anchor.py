@@ -749,7 +749,7 @@ def attacked(base, seed):
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [
-        *(("adept-anchored", (0, 3, 6)), pytest.param("three-ur5-far", (0, 3), marks=pytest.mark.slow)),
+        *(("adept-anchored", (0, 3, 6)), pytest.param("three-ur5-far", (0, 3), marks=pytest.mark.gate)),
         *(pytest.param(name, range(72), marks=pytest.mark.slow) for name in CELLS),
     ],
 )

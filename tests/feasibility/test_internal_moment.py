@@ -74,7 +74,7 @@ def test_springs_of_single_joints_and_the_squeeze_count(capsys):
     assert f"{found.moment:.3g} N m" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_the_moment_that_the_anchor_controls_is_expected_like_its_force(cell):
     """Along a slow line, over time: weights, friction that changes its sign, and the anchor's lag."""
     start = SCENARIOS[cell]().start

@@ -182,7 +182,7 @@ def test_a_spinning_disc_slows_down_by_the_torsion_of_its_rim(name):
     assert np.abs(rows[:, 4:6]).max() < 1e-6
 
 
-@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_a_stuck_block_does_not_creep(name):
     bench, limit = Bench(name), MU * MASS * G
     rows = bench.run(0.4, 1e-3, lambda t: (0.8 * limit * min(8.0 * t, 1.0), 0.0, 0.0))

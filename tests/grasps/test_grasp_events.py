@@ -210,7 +210,7 @@ def test_grasp_out_of_reach_does_not_happen_and_is_named(name):
     [
         ("planar", "pinocchio", 1),
         *(
-            pytest.param(*others, marks=pytest.mark.slow)
+            pytest.param(*others, marks=pytest.mark.gate)
             for others in itertools.product(SCENARIOS, ("pinocchio", "compiled"), (1, 3))
             if others != ("planar", "pinocchio", 1)
         ),

@@ -157,7 +157,7 @@ def test_what_a_rigid_grasp_cannot_do_is_refused():
     ("name", "compliant"),
     [
         *(("planar", False), ("spatial", True)),
-        *(pytest.param(*other, marks=pytest.mark.slow) for other in (("planar", True), ("spatial", False))),
+        *(pytest.param(*other, marks=pytest.mark.gate) for other in (("planar", True), ("spatial", False))),
     ],
 )
 def test_brakes_hold_the_joints_and_their_impulse_is_booked(name, compliant):

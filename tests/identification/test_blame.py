@@ -27,7 +27,7 @@ def answered(kind, seed):
     return scenario, causes, record, cell, cp.blame(record, cell, priors=PRIORS)
 
 
-@pytest.fixture(scope="module", params=by_default(["turning", "adept"], "adept"))
+@pytest.fixture(scope="module", params=by_default(["turning", "adept"], "adept", others=pytest.mark.slow))
 def case(request):
     return answered(request.param, 4)
 

@@ -149,7 +149,7 @@ def test_batches_have_the_servos_of_single_runs(name, kind):
         [
             *(("planar", 200.0, 2e-9), ("spatial", 1000.0, 2e-9)),
             *(
-                pytest.param(*others, marks=pytest.mark.slow)
+                pytest.param(*others, marks=pytest.mark.gate)
                 for others in (
                     *(("planar", 1000.0, -2e-9), ("spatial", 200.0, -2e-9)),
                     *(("planar", 200.0, -2e-9), ("planar", 1000.0, 2e-9)),

@@ -119,7 +119,7 @@ def frictionless(scenario):
 
 
 @pytest.mark.parametrize(
-    ("name", "share"), [("planar", 0.75), pytest.param("spatial", 0.4, marks=pytest.mark.slow)]
+    ("name", "share"), [("planar", 0.75), pytest.param("spatial", 0.4, marks=pytest.mark.gate)]
 )
 def test_the_largest_lag_of_check_is_that_of_the_whole_loop_without_friction(name, share):
     scenario = frictionless(held(name, {"actuators.lag": 0.1 * share}, ANCHORED[name]))
@@ -270,7 +270,7 @@ def test_the_figure_shows_every_eigenvalue_the_own_ones_and_the_bounds():
     assert locus.bounds[0] in [line.get_xdata()[0] for line in radius.lines]
 
 
-@pytest.mark.parametrize("name", ["adept-anchored", pytest.param("two-pandas-box", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["adept-anchored", pytest.param("two-pandas-box", marks=pytest.mark.gate)])
 def test_failures_of_arms_are_left_out(name):
     """A loss of torque or commands later in the run: the loop of the sound arms, to the bit."""
     scenario = cp.Scenario.load(name, {"events": []})

@@ -51,7 +51,7 @@ def misses(told, scenario):
     ("kind", "number"),
     [
         ("rigid", 5),
-        pytest.param("compliant", 3, marks=pytest.mark.slow),
+        pytest.param("compliant", 3, marks=pytest.mark.gate),
         pytest.param("compliant", 2, marks=pytest.mark.slow),
         pytest.param("patch", 1, marks=pytest.mark.slow),
     ],

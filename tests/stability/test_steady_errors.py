@@ -92,7 +92,7 @@ def test_the_worst_arm_counts_in_a_cell_of_three():
     assert found.wrenches == 3
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_the_printed_law_without_its_integral_is_a_spring(cell):
     """Force and sag are the largest singular values of what runs at rest show, axis by axis."""
     scenario, duration = SCENARIOS[cell](), 3.0
@@ -257,7 +257,7 @@ def test_the_bias_of_an_anchor_for_a_tip_and_a_turned_base(cell):
     assert enough < 0.02 * too_little
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_an_angle_that_an_anchor_bears_is_half_of_the_turn(cell):
     """A tip that is turned alone, about the payload's centre: moments ramp beyond half of it."""
     scenario, turn = at_rest(cell), 8e-3
@@ -272,7 +272,7 @@ def test_an_angle_that_an_anchor_bears_is_half_of_the_turn(cell):
     assert enough < 0.02 * too_little
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_force_that_no_arm_can_change_is_held_up_to_its_limit(cell):
     """The last arm is dead: the first one asks for its squeeze in vain, of 0.8 and 1.3 times the limit."""
     scenario = at_rest(cell, **{"controller.anchor_bias": "none", "arm_actuators.right.torque_lost_at": 1.0})
@@ -291,7 +291,7 @@ def test_force_that_no_arm_can_change_is_held_up_to_its_limit(cell):
     assert steady_errors(at_rest(cell)).unreachable == np.inf
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_a_force_that_grows_reaches_the_first_drive_at_the_time_that_is_told(cell):
     """Along the direction in which the weakest drive holds least; the ramp itself begins after the start."""
     scenario = at_rest(cell, **fixed_bound(1e-3), duration=8.0)

@@ -141,7 +141,7 @@ def test_a_run_with_automatic_steps_is_that_with_the_fewest_for_1e_8(cell):
     assert np.linalg.norm(result.data.payload_position.values - converged, axis=1).max() <= 1e-8
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_a_sweep_with_automatic_steps_keeps_its_error_at_points_that_were_not_measured(
     cell, tmp_path, monkeypatch
 ):

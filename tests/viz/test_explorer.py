@@ -19,7 +19,7 @@ from coop_pin.viz.explorer import Explorer, comparison_replay, is_folder_of_runs
 MASS = "cell.payload.mass"
 
 
-@pytest.fixture(scope="module", params=by_default(["planar", "spatial"], "planar"))
+@pytest.fixture(scope="module", params=by_default(["planar", "spatial"], "planar", others=pytest.mark.slow))
 def folder(request, tmp_path_factory):
     """Folder of a sweep of three runs."""
     scenario = (planar_scenario if request.param == "planar" else spatial_scenario)().replace(
