@@ -18,6 +18,11 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 
+def pytest_collection_modifyitems(items):
+    """What the gate adds takes longest: it comes first, and short tests keep all workers busy at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("gate") is None)
+
+
 def pytest_collection_finish():
     """Leave modules and tests, which live as long as the process, out of each later search for garbage."""
     gc.collect()
@@ -38,22 +43,14 @@ def cache(tmp_path_factory):
         yield
 
 
-@pytest.fixture(autouse=True, scope="session")
-def thinned_once():
-    """Each mesh is thinned once in a process: half of the time of a page with spatial arms."""
-    from coop_pin.viz import cell_scene
+@pytest.fixture(autouse=True)
+def brief_code(request, monkeypatch):
+    """By default LLVM chooses registers as for single runs: a fraction of the time, and the same bits.
 
-    known, thinned = {}, cell_scene.thinned
-
-    def once(mesh, faces):
-        key = mesh.vertices.tobytes(), mesh.faces.tobytes(), faces
-        if key not in known:
-            known[key] = thinned(mesh, faces)
-        return type(mesh)(*known[key])
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cell_scene, "thinned", once)
-        yield
+    What the gate runs, and what is slow, has the code that batches have.
+    """
+    if not any(map(request.node.get_closest_marker, ("gate", "slow"))):
+        monkeypatch.setattr("coop_pin.tracing.llvm_machine.LASTING", 0)
 
 
 class RunsHere:

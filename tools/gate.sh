@@ -20,6 +20,5 @@ setup_browser
 stage "format" ruff format --check .
 stage "lint" ruff check .
 stage "types" mypy
-stage "tests" pytest -n auto --dist worksteal -q
-stage "notebooks, examples, pages" pytest -n auto --dist worksteal -q -m "gate and not slow"
+stage "tests, notebooks, examples, pages" pytest -n auto --dist worksteal -q -m "not slow"
 echo "== gate passed"

@@ -61,8 +61,8 @@ setup_environment() {
     fi
     echo "== set-up: installing coop_pin${extra:+[$extra]}"
     "$VENV_PYTHON" -m pip --version >/dev/null 2>&1 || "$VENV_PYTHON" -m ensurepip >/dev/null
-    # -qq hides pip's warnings, not its errors
-    ticking "installing" "$VENV_PYTHON" -m pip install -qq --no-input --disable-pip-version-check -e ".${extra:+[$extra]}" -c constraints.txt </dev/null
+    # -qq hides pip's warnings, not its errors; what is imported is compiled then: most never is
+    ticking "installing" "$VENV_PYTHON" -m pip install -qq --no-compile --no-input --disable-pip-version-check -e ".${extra:+[$extra]}" -c constraints.txt </dev/null
     echo "$wanted" >"$stamp"
     echo "$wanted" >.venv/coop_pin-core.stamp # an extra brings the core with it
 }

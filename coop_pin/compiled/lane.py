@@ -37,10 +37,14 @@ class LaneSimulator(BatchSimulator):
 
     is_alone = True
 
-    def __init__(self) -> None:
-        """Begin without code."""
-        super().__init__(width=1)
-        self._folding = BatchSimulator(width=1)
+    def __init__(self, *, is_brief: bool) -> None:
+        """Begin without code.
+
+        Args:
+            is_brief: whether to compile for few ticks; see LlvmMachine.
+        """
+        super().__init__(width=1, is_brief=is_brief)
+        self._folding = BatchSimulator(width=1, is_brief=is_brief)
 
     def lane(self, scenario: Scenario, simulation: Simulation | None) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.
@@ -49,8 +53,7 @@ class LaneSimulator(BatchSimulator):
         """
         if reason := law_reason(scenario.controller):
             raise TracingError(reason)
-        is_long = scenario.clock.ticks(scenario.duration) > _LONG
-        plant = PreparedPlant(scenario, _PART if is_long else None, simulation=simulation)
+        plant = PreparedPlant(scenario, _PART if _is_long(scenario) else None, simulation=simulation)
         run = Prepared.of_run(scenario, plant)
         run = run._replace(kind=run.kind.alone(run.signals[0]))
         try:
@@ -65,8 +68,13 @@ class LaneSimulator(BatchSimulator):
         return super()._inputs(first, prepared) | (is_law & (not first.is_foreign))
 
 
-_simulator = LaneSimulator()
-"""With the code of the last runs of a process."""
+def _is_long(scenario: Scenario) -> bool:
+    """Return whether a run is made in parts."""
+    return scenario.clock.ticks(scenario.duration) > _LONG
+
+
+_simulators = {is_long: LaneSimulator(is_brief=not is_long) for is_long in (False, True)}
+"""With the code of the last runs of a process, by whether they are long."""
 
 
 class Lane:
@@ -86,7 +94,7 @@ class Lane:
             CoopPinError: it cannot start.
         """
         self._scenario, self._every = scenario, scenario.clock.record_every
-        self._prepared, family = _simulator.lane(scenario, simulation)
+        self._prepared, family = _simulators[_is_long(scenario)].lane(scenario, simulation)
         _, machine, self._order = family.orders[self._prepared.kind.times]
         self._code, plant = family.code, self._prepared.plants[0]
         require_sample_memory(machine, 1)

@@ -71,15 +71,20 @@ class BatchSimulator:
     is_alone = False
 
     def __init__(
-        self, *, machine: Callable[[Program], Machine] | None = None, width: int | None = None
+        self,
+        *,
+        machine: Callable[[Program], Machine] | None = None,
+        width: int | None = None,
+        is_brief: bool = False,
     ) -> None:
         """Begin without code.
 
         Args:
             machine: Maker of the machine of a program of kernels; None for compiled code, kept on disk.
             width: Number of lanes of compiled code; that of this processor when omitted.
+            is_brief: Whether to compile for few ticks; see LlvmMachine.
         """
-        self._new_machine = machine or partial(LlvmMachine, width=width, cache=DiskCache())
+        self._new_machine = machine or partial(LlvmMachine, width=width, cache=DiskCache(), is_brief=is_brief)
         self._takes_kernels, self._width = machine is not None, width
         self._plants, self._families = list[tuple[tuple[object, ...], PreparedPlant]](), list[Family]()
         self._free = list[Array]()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,10 @@ from coop_pin.results.energies import energies, start_energy, unexplained_energy
 
 STOP_SHARE = 2e-3
 """Part of the energy that end stops take which a hit may leave unexplained: steps straddle the contact."""
+
+
+_KEPT = ("_gross", "_last", "_start_energy")
+"""What a monitor keeps from one call to the next."""
 
 
 class TrustMonitor:
@@ -43,6 +48,14 @@ class TrustMonitor:
         self._gross: Array | float = 0.0
         self._last: list[Array] | None = None
         self._start_energy: Array  # before the first sample
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> TrustMonitor:
+        """Return a copy that goes on by itself; limits and names are shared."""
+        other = copy.copy(self)
+        vars(other).update(
+            {name: copy.deepcopy(part, memo) for name, part in vars(self).items() if name in _KEPT}
+        )
+        return other
 
     def breaches(self, samples: Mapping[str, NDArray[Any]]) -> tuple[Breach, ...]:
         """Return the breaches in the next samples of a run, in the order of their first times.

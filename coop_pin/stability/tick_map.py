@@ -151,8 +151,8 @@ class TickMap:
         q = pin.integrate(self._chain.model, state.plant.q, self._basis @ deviation[:n])
         q = self._chain.project_configuration(q)
         v = self._chain.project_velocity(q, state.plant.v + self._basis @ deviation[n : 2 * n])
-        driven, torque, reported, sensors, law, (servos, held), network = _moved(
-            self._memories(state), iter(deviation[2 * n :].tolist())
+        (driven, torque, reported, sensors, law, (servos, held), network), _ = _moved(
+            self._memories(state), deviation[2 * n :]
         )
         force, drives = state.plant.force.copy(), state.actuation.drives._replace(servos=servos, held=held)
         force[self._driven] = driven
@@ -193,13 +193,16 @@ def _numbers(tree: Any) -> Iterator[Array]:
         )
 
 
-def _moved(tree: Any, deviations: Iterator[float]) -> Any:
-    """Return nested tuples and lists with deviations added, in the order of ``_numbers``."""
+def _moved(tree: Any, deviations: Array) -> tuple[Any, Array]:
+    """Return nested tuples and lists with deviations added, in the order of ``_numbers``, and the others."""
     if isinstance(tree, np.ndarray):
-        return tree + np.array([next(deviations) for _ in range(tree.size)]).reshape(tree.shape)
+        return tree + deviations[: tree.size].reshape(tree.shape), deviations[tree.size :]
     if isinstance(tree, float):
-        return tree + next(deviations)
+        return tree + float(deviations[0]), deviations[1:]
     if isinstance(tree, tuple | list):
-        parts = [_moved(part, deviations) for part in tree]
-        return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)
-    return tree
+        parts = []
+        for part in tree:
+            moved, deviations = _moved(part, deviations)
+            parts.append(moved)
+        return (type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)), deviations
+    return tree, deviations

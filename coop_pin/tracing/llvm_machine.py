@@ -20,6 +20,10 @@ _AT_ONCE = 2_000
 """Instructions of one call: some 40 ms with 64 lanes and kernels of ten thousand operations."""
 
 
+BRIEF, LASTING = 0, 1
+"""Levels of LLVM's code generator; both keep every operation as it is written."""
+
+
 class _Arguments(ctypes.Structure):
     """Arguments of ``run``."""
 
@@ -28,7 +32,7 @@ class _Arguments(ctypes.Structure):
 
 
 class CodeCache(Protocol):
-    """Mapping that keeps compiled code by the digest of its text, processor and LLVM, such as a dict."""
+    """Mapping that keeps compiled code by a digest of text, processor, LLVM and level, such as a dict."""
 
     def get(self, key: bytes, /) -> bytes | None:
         """Return the code of a key, None for none."""
@@ -40,13 +44,22 @@ class CodeCache(Protocol):
 class LlvmMachine(Machine):
     """Machine that runs compiled code; its width is that of a vector register."""
 
-    def __init__(self, program: Program, width: int | None = None, cache: CodeCache | None = None) -> None:
+    def __init__(
+        self,
+        program: Program,
+        width: int | None = None,
+        cache: CodeCache | None = None,
+        *,
+        is_brief: bool = False,
+    ) -> None:
         """Compile a program, or take its code from a cache.
 
         Args:
             program: Kernels and the order of their calls.
             width: Number of lanes of a register; that of this processor when omitted.
             cache: Cache of compiled code; none when omitted. Whoever can write it can run code here.
+            is_brief: Whether it runs briefly: registers are chosen in a quarter of the time, and the code, of
+                the same results, takes up to twice as long.
 
         Raises:
             ValueError: The program's text is for another number of lanes.
@@ -55,7 +68,8 @@ class LlvmMachine(Machine):
         if program.text and program.width != self.width:  # it would read and write beyond its memory
             detail = f"the text of the program is for {program.width} lanes, not for {self.width}"
             raise ValueError(f"{detail}; take that width, or a program of kernels")
-        self._engine = _engine(program.text or llvm_text(program, self.width), {} if cache is None else cache)
+        text = program.text or llvm_text(program, self.width)
+        self._engine = _engine(text, {} if cache is None else cache, BRIEF if is_brief else LASTING)
         self._run = ctypes.CFUNCTYPE(None, ctypes.POINTER(_Arguments))(
             self._engine.get_function_address("run")
         )
@@ -167,15 +181,15 @@ def native_width() -> int:
     return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
 
 
-def _engine(text: str, cache: CodeCache) -> Any:
-    """Return an execution engine with the code of a text, compiled or from a cache."""
+def _engine(text: str, cache: CodeCache, level: int) -> Any:
+    """Return an execution engine with the code of a text, compiled at a level or from a cache."""
     llvm = _llvm()
     processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
     machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=processor, features=features + ",-prefer-256-bit", opt=1
+        cpu=processor, features=features + ",-prefer-256-bit", opt=level
     )
     version = ".".join(map(str, llvm.llvm_version_info))
-    key = hashlib.sha256("\n".join((text, processor, features, version)).encode()).digest()
+    key = hashlib.sha256("\n".join((text, processor, features, version, str(level))).encode()).digest()
     code = cache.get(key)
     if code is None:
         # The tape has folded and shared what LLVM's passes would; this one finds choices by comparisons.

@@ -9,12 +9,13 @@ value. A strut of the virtual linkage is as thick as its tension is long, in pro
 from __future__ import annotations
 
 import base64
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from fast_simplification import simplify
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.cell.cell import Cell
@@ -102,11 +103,21 @@ def thinned(mesh: Mesh, faces: int) -> Mesh:
         mesh: mesh of any size.
         faces: number of triangles to keep.
     """
-    vertices, places = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    triangles = places.ravel()[mesh.faces]
-    if len(triangles) > faces:
-        vertices, triangles = simplify(vertices, triangles, target_count=faces, agg=_AGGRESSION)
-    return Mesh(np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64))
+    parts = ((part.tobytes(), part.dtype.str) for part in mesh)
+    return Mesh(*_thinned(*parts, faces))
+
+
+@functools.lru_cache(maxsize=256)
+def _thinned(
+    vertices: tuple[bytes, str], triangles: tuple[bytes, str], faces: int
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return vertices and triangles of a thinned mesh, once: the pages of a process show the same robots."""
+    corners, indices = (np.frombuffer(*part).reshape(-1, 3) for part in (vertices, triangles))
+    kept, places = np.unique(corners, axis=0, return_inverse=True)
+    thin = places.ravel()[indices]
+    if len(thin) > faces:
+        kept, thin = simplify(kept, thin, target_count=faces, agg=_AGGRESSION)
+    return np.asarray(kept, dtype=float), np.asarray(thin, dtype=np.int64)
 
 
 def base64_floats(values: ArrayLike) -> str:

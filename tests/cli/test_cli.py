@@ -585,7 +585,8 @@ def test_view_of_a_result_file_writes_a_replay_beside_it(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "words", [["--run", "--realtime-rate", "5"], pytest.param([], marks=pytest.mark.gate)]
+    "words",
+    [pytest.param(words, marks=pytest.mark.gate) for words in (["--run", "--realtime-rate", "5"], [])],
 )
 def test_view_of_a_scenario_is_live_until_ctrl_c(words):
     process = subprocess.Popen(
@@ -652,6 +653,7 @@ def test_help_loads_no_dynamics_and_no_pictures():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.gate
 def test_a_check_loads_no_library_of_results():
     code = (
         "import sys\nfrom coop_pin.cli import main\nmain(['check', 'adept-paper', '--poses', '5'])\n"
@@ -711,6 +713,7 @@ sys.exit("a file of 100 kB went into 20 kB")
 """
 
 
+@pytest.mark.gate
 def test_a_full_disk_leaves_the_old_result_and_nothing_else(result, tmp_path):
     result.save(tmp_path / "result.nc")
     before = (tmp_path / "result.nc").read_bytes()

@@ -3,6 +3,7 @@
 import sys
 
 import pytest
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.schema.user_code import ALLOWED
@@ -72,7 +73,7 @@ def test_no_code_refuses_code_of_the_working_folder_before_it_is_imported(strang
     assert not (tmp_path / "imported").exists()
 
 
-@pytest.mark.parametrize("command", ["check", "run", "sweep"])
+@pytest.mark.parametrize("command", by_default(["check", "run", "sweep"], "run"))
 def test_code_is_told_in_the_first_line_before_it_is_imported(stranger, own, command, capsys):
     stranger(own)
     main(COMMANDS[command])
@@ -130,6 +131,7 @@ def test_the_interface_has_the_same_rule(stranger, tmp_path):
     assert not (tmp_path / "PWNED").exists()
 
 
+@pytest.mark.gate
 def test_pages_of_a_result_call_nothing_that_it_names(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = cp.run("adept-anchored", {"duration": 0.02, "events": []}, warn=False)

@@ -243,7 +243,7 @@ def searched(scenarios, tmp_path_factory):
     return [scenarios[0], softer], folder, rows
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(searched, tmp_path):
     (_, scenario), folder, rows = searched
     names = ["payload-pd", "printed"]

@@ -10,6 +10,7 @@ import xarray as xr
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
 from scipy.optimize import curve_fit
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, NameNotFoundError, NothingFeasibleError
@@ -252,7 +253,7 @@ def test_ways_are_those_of_the_engine_that_is_named(scenario):
 FRICTION = {"viscous": 3.0, "coulomb": 0.01}
 
 
-@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+@pytest.mark.parametrize("name", by_default(["adept-anchored", "two-pandas-box"], "adept-anchored"))
 def test_an_impedance_is_damped_as_stated_whatever_friction_its_model_takes_out(name):
     """D / (2 sqrt(M K)) = 0.71 of object impedance; the loop has no friction in its plant."""
     base = benchmark_scenario(cp.Scenario.load(name), 2.5)

@@ -261,7 +261,7 @@ def users(target, cell="planar", **options):
 
 
 @pytest.mark.parametrize("target", ["Law", "OfTheCell"])
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_a_users_controller_runs_in_a_batch_if_it_can_be_traced(target, cell):
     scenarios = [users(target, cell, stiffness=stiffness) for stiffness in (300.0, 400.0)]
     assert support(scenarios[0]) is None

@@ -17,8 +17,10 @@ QUICK_SETTINGS = [
     ("planar", "everything of drives", "printed"),
     *[("planar", setting, "anchored") for setting in ("counting encoders", "one wrist, stuck")],
     ("spatial", "commands lost", "printed"),
-    ("spatial", "everything at once", "anchored"),
 ]
+
+
+TIERS = {("spatial", "everything at once", "anchored"): pytest.mark.gate}
 
 
 def in_setting(cell, setting, law, seed=0):
@@ -37,7 +39,7 @@ def in_setting(cell, setting, law, seed=0):
 @pytest.mark.parametrize(
     ("cell", "setting", "law"),
     [
-        pytest.param(*case, marks=[] if case in QUICK_SETTINGS else [pytest.mark.slow])
+        pytest.param(*case, marks=[] if case in QUICK_SETTINGS else [TIERS.get(case, pytest.mark.slow)])
         for case in itertools.product(SCENARIOS, SETTINGS, ("printed", "anchored"))
     ],
 )

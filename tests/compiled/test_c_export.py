@@ -12,6 +12,7 @@ from cells import ANCHORED, RIGID, SCENARIOS
 from law_cells import servo_cell
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, TracingError
@@ -59,7 +60,7 @@ def test_exported_laws_compile_without_warnings_and_pass_their_self_test(cell, t
     assert re.match(r"12 ticks, largest difference \S+ N m: passed\n", done.stdout)
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_a_law_with_a_dead_zone_is_exported(cell, tmp_path):
     law = ANCHORED[cell].replace(force_path={"kind": "none"}, integral_dead_zone=(1e-4, 1e-3))
     scenario = SCENARIOS[cell]().replace(controller=law, events=())
@@ -68,7 +69,9 @@ def test_a_law_with_a_dead_zone_is_exported(cell, tmp_path):
     )
 
 
-@pytest.mark.parametrize(("cell", "kind"), [("planar", "position"), ("spatial", "velocity")])
+@pytest.mark.parametrize(
+    ("cell", "kind"), by_default([("planar", "position"), ("spatial", "velocity")], ("planar", "position"))
+)
 def test_laws_that_command_servos_are_exported_with_what_they_send(cell, kind, tmp_path):
     """The header names velocities or positions with their unit, and the code is that of the Python law."""
     scenario = servo_cell(
@@ -112,7 +115,10 @@ def test_laws_that_hear_others_are_exported_with_what_they_say_and_hear(cell, la
     assert self_test(exported, tmp_path).returncode == 1
 
 
-@pytest.mark.parametrize(("name", "arm"), [("adept-compliant", "left"), ("three-ur5-handover", "third")])
+@pytest.mark.parametrize(
+    ("name", "arm"),
+    by_default([("adept-compliant", "left"), ("three-ur5-handover", "third")], ("adept-compliant", "left")),
+)
 def test_laws_on_grasps_that_give_and_let_go_are_exported(name, arm, tmp_path):
     """With matrices that turn, through a release; a law that needs the plan for its share is refused."""
     scenario = cp.Scenario.load(name)

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 from batches import require_same_samples
+from cells import SCENARIOS
 from sensing_settings import SETTINGS
 from test_batch_laws import LAWS, scenario_with
 from test_batch_sensing import in_setting
@@ -19,7 +20,7 @@ from ways import WAYS, run_as_lane, run_on
 import coop_pin as cp
 from coop_pin.base import errors
 from coop_pin.cli import main
-from coop_pin.compiled import plant_reason
+from coop_pin.compiled import BatchSimulator, plant_reason
 from coop_pin.compiled.engine_choice import choose_engine
 from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.store import SweepStore
@@ -61,7 +62,8 @@ def test_the_scenarios_without_a_compiled_plant_are_known():
     assert {name for name, reason in reasons.items() if reason} == ONLY_PINOCCHIO
 
 
-ALWAYS = ["events planar", "everything at once, anchored, spatial"]
+LARGEST = "everything at once, anchored, spatial"
+ALWAYS = ["events planar", LARGEST]
 QUICK = {*ALWAYS, *random.Random(31).sample(sorted({*RUNS} - {*ALWAYS, "cell two-pandas-box"}), 2)}
 
 
@@ -77,7 +79,13 @@ def finished(scenario, way):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in RUNS]
+    "name",
+    [
+        pytest.param(
+            name, marks=[pytest.mark.gate] if name == LARGEST else [] if name in QUICK else [pytest.mark.slow]
+        )
+        for name in RUNS
+    ],
 )
 def test_a_lane_is_the_run_on_pinocchio(name):
     scenario = RUNS[name]()
@@ -128,6 +136,15 @@ def test_an_interrupted_lane_keeps_its_first_chunks(every):
         np.testing.assert_array_equal(found, expected, err_msg=name)
 
 
+@pytest.mark.gate
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_code_for_few_ticks_has_the_bits_of_code_for_many(name):
+    scenario = in_setting(name, "everything at once", "anchored")
+    brief, lasting = (BatchSimulator(width=1, is_brief=brief).run([scenario]) for brief in (True, False))
+    for quantity, values in brief.samples.items():
+        np.testing.assert_array_equal(values, lasting.samples[quantity], quantity)
+
+
 @pytest.mark.parametrize(
     ("case", "every"), [("planar", 1), pytest.param("spatial", 7, marks=pytest.mark.gate)]
 )
@@ -146,7 +163,7 @@ def test_a_lane_in_parts_is_the_run_on_pinocchio(case, every, monkeypatch):
     ramp = {"kind": "ramp", "start": tables[0], "goal": tables[1], "duration": 0.1, "start_time": 25 * period}
     scenario = scenario.override({"squeeze": ramp})
     run, whole = lane.Lane(scenario), finished(scenario, "pinocchio")
-    lane._simulator._families.clear()
+    lane._simulators[True]._families.clear()
     gc.collect()  # the machine's memory with it, if nothing else held it
     result = run.run()
     require_same_samples(result.data, whole.data)
@@ -181,6 +198,7 @@ def test_an_hour_of_two_pandas_takes_less_than_1_gb_and_its_page_less_than_4_mb(
     assert files[1].stat().st_size < 4e6
 
 
+@pytest.mark.gate
 def test_a_run_says_what_auto_would_have_saved(monkeypatch, caplog):
     from coop_pin.running import run_scenario
 

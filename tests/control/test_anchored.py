@@ -56,7 +56,7 @@ def largest(values):
 
 @pytest.fixture(scope="module")
 def papers_experiment():
-    return cp.run("adept-anchored", warn=False)
+    return cp.run("adept-anchored", warn=False, engine="compiled")
 
 
 def test_the_papers_experiment_keeps_its_internal_force(papers_experiment):
@@ -82,7 +82,9 @@ def test_both_experiments_differ_by_the_controller_alone():
 def test_a_kinematic_bias_leaves_a_constant_internal_force(name):
     """f = c_i k_I K gamma (b_i - bbar) / beta, and nothing grows; unequal shares in the spatial cell."""
     bias = [1e-3, 0.0 if name == "planar" else 0.5e-3, 0.0]
-    result = cp.run(at_rest(name, 12.0 if name == "planar" else 5.0, biased(bias)), warn=False)
+    result = cp.run(
+        at_rest(name, 12.0 if name == "planar" else 5.0, biased(bias)), warn=False, engine="compiled"
+    )
     gamma, stiffness, beta = rates(result.scenario)
     shares = np.prod(result.scenario.cell.shares)
     expected = shares * stiffness * gamma * world_bias(result, bias) / beta
@@ -107,6 +109,7 @@ def held_with_a_bias(name, duration, changes=None):
         }
         | (changes or {}),
         warn=False,
+        engine="compiled",
     )
     gamma, stiffness, _ = rates(result.scenario)
     shares = np.array(scenario.cell.shares)
@@ -140,7 +143,11 @@ def test_a_lost_sensor_loads_every_arm_by_its_own_part(name):
 @pytest.mark.parametrize("rate", [80.0, 160.0])
 @pytest.mark.parametrize("bias", [1e-4, 1e-3])
 def test_bias_force_at_two_biases_and_two_rates(bias, rate):
-    result = cp.run(at_rest("planar", 30.0, biased([bias, 0.0, 0.0]) | {"clock.rate_hz": rate}), warn=False)
+    result = cp.run(
+        at_rest("planar", 30.0, biased([bias, 0.0, 0.0]) | {"clock.rate_hz": rate}),
+        warn=False,
+        engine="compiled",
+    )
     gamma, stiffness, beta = rates(result.scenario)
     expected = 0.25 * stiffness * gamma * bias / beta
     assert_allclose(np.linalg.norm(force_error(result)[-1]), expected, rtol=0.02)
@@ -191,7 +198,7 @@ def grows(name, gain, *, pole=0.0, delay=0, every=1, lag=0.0):
     changes = {"beyond_bound": True, "controller.gains.anchor_gain": gain, "controller.force_path": path}
     changes["actuators.lag"] = lag * scenario.clock.period
     try:
-        result = cp.run(scenario, changes | {"sensors.wrist": wrist}, warn=False)
+        result = cp.run(scenario, changes | {"sensors.wrist": wrist}, warn=False, engine="compiled")
     except DivergedError:
         return True
     error = np.linalg.norm(force_error(result), axis=1)
@@ -335,7 +342,9 @@ def test_sag_times_internal_force_is_what_the_product_bound_says(leak):
     """P2: c_1 c_2 b D, whatever the leak; D = 100 N, b = 0.1 mm. Load along the bias."""
     load = {"kind": "wrench-pulse", "time": 0.0, "duration": 20.0, "wrench": [100.0, 0, 0, 0, 0, 0]}
     changes = NOTHING_MEASURED | {"events": [load], "controller.gains.leak": leak}
-    result = cp.run(at_rest("planar", 20.0, changes | biased([1e-4, 0.0, 0.0])), warn=False)
+    result = cp.run(
+        at_rest("planar", 20.0, changes | biased([1e-4, 0.0, 0.0])), warn=False, engine="compiled"
+    )
     force, sag = force_error(result)[-2], result.data.pose_error.values[-2, :3]
     assert_allclose(np.linalg.norm(force) * np.linalg.norm(sag), 2.49e-3, atol=0.7e-5)
     from_the_mean_view = sag + 0.5 * world_bias(result, [1e-4, 0.0, 0.0])
@@ -360,7 +369,7 @@ def test_own_wrist_wrenches_sag_by_the_error_of_the_weight(known, gain, bias):
     # The bias along gravity in world axes, so that the true sag is the measured one less c_1 b.
     scenario = at_rest("planar", 40.0, changes)
     turned = (scenario.start.matrix[:3, :3] @ scenario.cell.grasps["left"].matrix[:3, :3]).T @ [bias, 0, 0]
-    result = cp.run(scenario, biased(turned.tolist()), warn=False)
+    result = cp.run(scenario, biased(turned.tolist()), warn=False, engine="compiled")
     gamma, stiffness, beta = rates(scenario)
     force, sag = (np.linalg.norm(v[-1]) for v in (force_error(result), result.data.pose_error.values[:, :3]))
     unknown = 20.0 - known
@@ -392,7 +401,7 @@ def test_sag_and_internal_force_in_space(name, law):
     }[law]
     first = next(iter(at_rest(name, 8.0).cell.arms))
     bias_of = {f"cell.arms.{first}.calibration_error.tip.xyz": bias}
-    result = cp.run(at_rest(name, 8.0, NOTHING_MEASURED | changes | bias_of), warn=False)
+    result = cp.run(at_rest(name, 8.0, NOTHING_MEASURED | changes | bias_of), warn=False, engine="compiled")
     (gamma, stiffness, beta), c = rates(result.scenario), result.scenario.cell.shares[0]
     b, gains = world_bias(result, bias), result.scenario.controller.gains
     if law == "leaky":
@@ -411,7 +420,12 @@ def test_zero_at_grasp_makes_a_bias_of_the_tip_vanish():
     run = {"events": [], "duration": 6.0, "clock.steps_per_tick": 2} | NOTHING_MEASURED
     biases = [[0.0, 0.0, 0.0], [1e-3, 0.5e-3, 0.0]]
     exact, zeroed = (
-        cp.run("adept-anchored", run | biased(bias) | {"controller.zero_at_grasp": True}, warn=False)
+        cp.run(
+            "adept-anchored",
+            run | biased(bias) | {"controller.zero_at_grasp": True},
+            warn=False,
+            engine="compiled",
+        )
         for bias in biases
     )
     assert_allclose(force_error(zeroed), force_error(exact), atol=1e-6)
@@ -424,7 +438,9 @@ def test_zero_at_grasp_in_space(name):
     bias = {"xyz": [1e-3, -0.5e-3, 0.3e-3], "rpy": [2e-3, 0.0, -1e-3]}
     arm = next(iter(Scenario.load(name).cell.arms))
     changes = {"controller.zero_at_grasp": True, "duration": 3.0}
-    exact = cp.run(name, changes, warn=False)
-    zeroed = cp.run(name, changes | {f"cell.arms.{arm}.calibration_error.tip": bias}, warn=False)
+    exact = cp.run(name, changes, warn=False, engine="compiled")
+    zeroed = cp.run(
+        name, changes | {f"cell.arms.{arm}.calibration_error.tip": bias}, warn=False, engine="compiled"
+    )
     assert_allclose(zeroed.data.internal_wrench, exact.data.internal_wrench, atol=1e-4)
     assert_allclose(zeroed.data.pose_error, exact.data.pose_error, atol=1e-7)

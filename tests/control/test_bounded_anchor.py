@@ -537,7 +537,10 @@ def anchored(name, duration, changes=None):
 def test_the_law_is_that_without_a_bound_while_none_acts(name):
     bias = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0], "clock.steps_per_tick": 1}
     scenario = anchored(name, 1.0 if name == "planar" else 0.3, bias)
-    bounded, without = cp.run(scenario, warn=False), cp.run(scenario, NONE, warn=False)
+    bounded, without = (
+        cp.run(scenario, warn=False),
+        cp.run(scenario, NONE, warn=False),
+    )
     assert_array_equal(bounded.data.torque, without.data.torque)
 
 
@@ -575,7 +578,7 @@ def test_a_large_bias_ramps_where_the_bar_turns():
     """|b_i - bbar| of 12 and 17 mm, b_max 20 mm: 6 N that stay, and 5.8 N/s."""
     for tip, end, ramp in ((24e-3, 6.0, 0.0), (34e-3, 59.1, 5.8)):
         off = {"events": [], "duration": 8.0, "cell.arms.left.calibration_error.tip.xyz": [tip, 0.0, 0.0]}
-        data = cp.run("adept-anchored", off | {"clock.steps_per_tick": 1}, warn=False).data
+        data = cp.run("adept-anchored", off | {"clock.steps_per_tick": 1}, warn=False, engine="compiled").data
         error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0).values[:, :2]
         before, last = (np.linalg.norm(error[index]) for index in (-162, -2))
         assert_allclose((last, (last - before) / 2.0), (end, ramp), atol=0.1)
@@ -910,7 +913,7 @@ def test_the_hold_of_integrals_while_drives_are_cut(monkeypatch, law, cell, part
     if part is None:
         changes = standard_trials(base)["torque of an arm lost"].changes
     else:
-        largest = np.abs(cp.run(base, warn=False).data.torque.values).max(axis=0)
+        largest = np.abs(cp.run(base, warn=False, engine="compiled").data.torque.values).max(axis=0)
         limits = part * np.maximum(largest, 0.2)
         changes = {
             f"cell.arms.{arm}.calibration_error.tip.xyz": [bias, 0.0, 0.0] for arm in [*base.cell.arms][:1]
@@ -923,7 +926,7 @@ def test_the_hold_of_integrals_while_drives_are_cut(monkeypatch, law, cell, part
         if not is_held:
             for kind in (PayloadSpaceController, SlidingModeController):
                 monkeypatch.setattr(kind, "step", blind_to_cuts(kind.step))
-        found = measures(cp.run(base.override(changes), warn=False))
+        found = measures(cp.run(base.override(changes), warn=False, engine="compiled"))
         force = np.hypot(found["axial_rms_N"], found["shear_rms_N"])
         assert_allclose((found["tracking_rms_mm"], force), expected, rtol=0.01)
 

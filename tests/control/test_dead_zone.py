@@ -6,12 +6,14 @@ from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS, arm_of
 from numpy.testing import assert_allclose
 from page_texts import read_numbers, require_numbers, rounds_to
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ScenarioError
 from coop_pin.base.spatial import make_pose, task_rows
 from coop_pin.compiled import BatchSimulator
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace, Saturation
+from coop_pin.running.check import run_findings
 from coop_pin.stability import steady_errors
 
 GAMMA, K, K_I, MASS = 2.0, 800.0, 5.0, 67.0
@@ -157,13 +159,13 @@ CASES = {"planar": (50.0, 60.0, 80.0), "spatial": (30.0, 12.0, 18.0)}
 """Load, N, the time in which it comes, s, and the duration of the run, s."""
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "spatial"))
 def test_a_slow_load_on_the_plant(name):
     """c_2 (L - K gamma (delta - b)); the UR5 have turned grasp frames and unequal shares."""
     load, ramp, duration = CASES[name]
     steps = [(k * ramp / 240, (load / 240, 0.0, 0.0)) for k in range(240)]
     scenario = cell_with(name, (1e-3, 0.0, 0.0), steps, duration)
-    result = cp.run(scenario, warn=False)
+    result = cp.run(scenario, warn=False, engine="compiled")
     error = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-2, 0, :3]
     errors = steady_errors(scenario, bias=1e-3, load=load)
     gains, (delta, _) = scenario.controller.gains, scenario.controller.integral_dead_zone
@@ -174,7 +176,7 @@ def test_a_slow_load_on_the_plant(name):
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_a_batch_is_the_single_run(name):
     scenario = cell_with(name, (1e-3, 0.0, 0.0), [(0.1, (30.0, 5.0, 0.0))], 0.6)
     single = cp.run(scenario, engine="pinocchio", warn=False).data
@@ -198,7 +200,9 @@ def test_a_load_at_once_rests_below_the_product(load, begin, error, force, below
     changes = {f"controller.{name}": value for name, value in law.items()} | linear
     pulse = {"kind": "wrench-pulse", "time": begin, "duration": 60.0 - begin, "wrench": [load, 0, 0, 0, 0, 0]}
     tip = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
-    result = cp.run("adept-anchored", changes | tip | {"events": [pulse], "duration": 60.0}, warn=False)
+    result = cp.run(
+        "adept-anchored", changes | tip | {"events": [pulse], "duration": 60.0}, warn=False, engine="compiled"
+    )
     off = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-2, 0, :2]
     x = float(np.linalg.norm(result.data.pose_error.values[-2, :2]))
     assert_allclose((x, np.linalg.norm(off)), (error, force), rtol=0.02)
@@ -257,10 +261,10 @@ def test_check_judges_the_loop_beyond_the_zone_and_the_forecast_says_what_it_lea
     )
     assert with_zone.controller.beyond_dead_zone == without.controller
     loops = [
-        next(each for each in cp.check(scenario, poses=POSES) if each.kind == "loop stability").value
+        next(each for each in run_findings(scenario) if each.kind == "loop stability").value
         for scenario in (with_zone, without)
     ]
     assert loops[0] == loops[1]
     assert any("dead zone" in each.sentence for each in cp.check(with_zone, poses=POSES))
     fast = {"controller.gains.sign_gain": 4.0, "controller.gains.pose_gain": 20.0}
-    assert not cp.check(with_zone.override(fast), poses=POSES).ok
+    assert not run_findings(with_zone.override(fast)).ok

@@ -17,7 +17,9 @@ QUIET = {"events": [], "duration": 10.0}
 
 def force_error(**changes):
     fields = QUIET | {key.replace("__", "."): value for key, value in changes.items()}
-    return cp.run("adept-paper", fields, warn=False).internal_force(window=(4.0, fields["duration"]))
+    return cp.run("adept-paper", fields, warn=False, engine="compiled").internal_force(
+        window=(4.0, fields["duration"])
+    )
 
 
 @pytest.mark.parametrize("shares", [(0.5, 0.5), (0.3, 0.7)])
@@ -95,7 +97,10 @@ def test_internal_force_error_grows_with_alpha(rate, steps, duration, alphas):
     assert errors[-1] > 30 * errors[0]
 
 
-@pytest.mark.parametrize("path", [{"kind": "late"}, {"kind": "low-pass", "pole": 0.9}])
+@pytest.mark.parametrize(
+    "path",
+    [{"kind": "late"}, {"kind": "low-pass", "pole": 0.9}],
+)
 def test_force_gain_only_divides_by_one_plus_itself(path):
     """ "Larger K_f converges faster": it is the static factor 1 / (1 + K_f)."""
     gains = [0.0, 0.5, 0.9] if path["kind"] == "late" else [0.0, 1.0, 9.0]
@@ -149,7 +154,7 @@ def test_kinematic_bias_winds_the_sign_integral_up():
             "controller.gains.sign_gain": alpha,
             "cell.arms.left.calibration_error.tip.xyz": [1e-4, 0.0, 0.0],
         }
-        data = cp.run("adept-paper", changes, warn=False).data
+        data = cp.run("adept-paper", changes, warn=False, engine="compiled").data
         error = np.nan_to_num((data.internal_wrench - data.desired_internal_wrench).values)[:, 0, :3]
         return np.linalg.norm(error, axis=1)
 

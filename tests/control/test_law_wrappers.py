@@ -10,6 +10,7 @@ from batches import require_same_samples
 from cells import SCENARIOS
 from network_cells import BIASED, CELLS, Silent, arriving, network_of, samples
 from numpy.testing import assert_allclose
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, ScenarioError
@@ -187,7 +188,7 @@ def test_over_a_line_the_anchor_leaves_what_wrenches_of_all_leave(cell, duration
     assert by_all[-1] < 0.1 * max(by_all)
 
 
-@pytest.mark.parametrize("cell", THREE)
+@pytest.mark.parametrize("cell", by_default(THREE, "three planar"))
 def test_arms_in_a_line_learn_the_regression_of_the_resultant_wrench(cell):
     """One arm alone would believe anything; all come to what the sum of their wrenches says."""
     scenario = in_a_line(cell, {"kind": "learned-load"})

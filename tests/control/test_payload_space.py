@@ -6,6 +6,7 @@ from cells import CATALOGUE_CELLS, FAR_CELLS, SCENARIOS, arm_of
 from close import assert_close
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, SingularJacobianError
@@ -446,8 +447,10 @@ REPAIR = {"controller": {"kind": "payload-space", "gains": GAINS}}
 
 def test_repair_keeps_the_papers_internal_force_small():
     """At the same alpha: less internal-force error than the printed law, tracking below 0.5 mm, settled."""
-    printed = cp.run("adept-paper", {"controller.gains.sign_gain": GAINS["sign_gain"]}, warn=False)
-    repaired = cp.run("adept-paper", REPAIR, warn=False)
+    printed = cp.run(
+        "adept-paper", {"controller.gains.sign_gain": GAINS["sign_gain"]}, warn=False, engine="compiled"
+    )
+    repaired = cp.run("adept-paper", REPAIR, warn=False, engine="compiled")
     assert repaired.internal_force().force_rms_error < 0.6 * printed.internal_force().force_rms_error
     assert repaired.position_rms() < 0.5e-3
     assert repaired.settling_time() < 2.5
@@ -463,7 +466,9 @@ def test_repair_carries_gravity():
         "sign_gain": 0.5,
         "transient_rate": 5,
     }
-    result = cp.run(scenario, {"controller": {"kind": "payload-space", "gains": gains}}, warn=False)
+    result = cp.run(
+        scenario, {"controller": {"kind": "payload-space", "gains": gains}}, warn=False, engine="compiled"
+    )
     assert result.position_rms() < 0.5e-3
     assert max(result.closure_error_max()) < 1e-8
     assert result.energy_balance_max() < 1e-5
@@ -477,10 +482,11 @@ def biased_run(name, controller, bias):
         scenario,
         {"controller": controller, "cell.arms.left.calibration_error.tip.xyz": bias, **still},
         warn=False,
+        engine="compiled",
     )
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_under_a_boundary_layer_a_kinematic_bias_winds_the_internal_force_up_at_a_constant_rate(name):
     """Two arms at rest: f' = c_1 c_2 K_x alpha gamma b / width.
 

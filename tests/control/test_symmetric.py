@@ -119,7 +119,7 @@ BIASED = {
 }
 
 
-CASES = [("adept-anchored", 5.0, 0.1), ("two-pandas-box", 0.0, 0.1)]
+CASES = [("adept-anchored", 5.0, 0.1)]
 LONGER = [(name, k_I, rho) for name in BIASED for k_I in (0.0, 5.0) for rho in (1.0, 0.1)]
 
 
@@ -136,7 +136,7 @@ def test_a_bias_leaves_rho_times_the_force_of_arms_by_themselves(name, k_I, rho)
     hold = {"motion": {"kind": "hold", "pose": base.start.model_dump()}, "controller": law, "events": []}
     biased = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
     scenario = base.override(hold | BIASED[name] | biased)
-    data = cp.run(scenario, warn=False).data
+    data = cp.run(scenario, warn=False, engine="compiled").data
     off = np.nan_to_num((data.internal_wrench - data.desired_internal_wrench).values[-1, 0, :3])
     K, gamma, beta = gains.sliding_gain[0], gains.pose_gain, 0.1 * base.clock.rate_hz
     expected = rho * 0.5 * K * gamma * 0.5e-3 * (k_I / beta if k_I else 1.0)

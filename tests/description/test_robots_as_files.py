@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import InfeasibleMotionError, UrdfError, UrdfWarning
@@ -97,7 +98,7 @@ def passive_cell(name):
     return scenario.replace(duration=0.1, events=())
 
 
-@pytest.mark.parametrize("name", ["planar", "spatial"])
+@pytest.mark.parametrize("name", by_default(["planar", "spatial"], "planar"))
 def test_a_passive_joint_of_a_cell_exerts_nothing(name, tmp_path):
     """The paper's three-joint arms and two Pandas, the second joint of the left one with effort 0."""
     scenario = passive_cell(name)

@@ -1,5 +1,6 @@
 """New cells from the names of arms: places, files that read back, runs, and refusals with numbers."""
 
+import functools
 import re
 import shutil
 import tomllib
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import (
@@ -37,13 +39,18 @@ LONG = {"unlike": "gate", "three": "slow"}
 """Cells whose proposals take long, and the tiers of their tests."""
 
 
+@functools.cache
+def proposed(name):
+    arms, options = CELLS[name]
+    return cp.new_cell(arms, name=name, **options)
+
+
 @pytest.fixture(
     scope="module",
     params=["planar", *(pytest.param(name, marks=getattr(pytest.mark, mark)) for name, mark in LONG.items())],
 )
 def made(request):
-    arms, options = CELLS[request.param]
-    return request.param, cp.new_cell(arms, name=request.param, **options)
+    return request.param, proposed(request.param)
 
 
 def test_a_new_cell_runs_as_written_and_reads_back_from_its_file(made, tmp_path):
@@ -166,14 +173,13 @@ def test_a_payload_beyond_the_drives_is_refused_with_a_mass_that_they_hold():
 
 
 def test_the_command_writes_the_scenario_and_overwrites_none(tmp_path, capsys):
-    words = ["new", str(tmp_path / "pair"), "--arms", "adept_3dof", "adept_3dof", "--payload", "bar"]
+    words = ["new", str(tmp_path / "planar"), "--arms", "adept_3dof", "adept_3dof", "--payload", "bar"]
     words += ["--size", "0.24", "0.03", "0.03", "--mass", "5"]
     assert main(words) == 0
-    said, file = capsys.readouterr().out, tmp_path / "pair.toml"
+    said, file = capsys.readouterr().out, tmp_path / "planar.toml"
     assert str(file) in said
     scenario = cp.Scenario.load(file)
-    arms, options = CELLS["planar"]
-    assert scenario == cp.new_cell(arms, name="pair", **options).scenario
+    assert scenario == proposed("planar").scenario
     text = file.read_text(encoding="utf-8")
     tables = re.findall(r"^(.*)\n\[.*\]$", text, re.MULTILINE)
     assert len(tables) >= 12
@@ -221,7 +227,7 @@ def test_every_robot_that_is_an_arm_tells_its_tip_and_the_gripper_is_locked():
         robot.idle("nowhere")
 
 
-@pytest.mark.parametrize("motion", ["circle", "hold"])
+@pytest.mark.parametrize("motion", by_default(["circle", "hold"], "circle"))
 def test_motion_and_squeeze_are_those_asked_for(motion):
     edges = (0.24, 0.03, 0.03)
     new = cp.new_cell(["adept_3dof"] * 2, "bar", size=edges, motion=motion, squeeze=7.5)
@@ -258,6 +264,7 @@ def test_a_written_cell_is_read_wherever_its_folder_goes(tmp_path, monkeypatch):
     assert (scenario.motion.kind, scenario.squeeze.force) == ("hold", 5.0)
 
 
+@pytest.mark.gate
 def test_xacro_arguments_reach_the_arms(tmp_path, monkeypatch):
     pytest.importorskip("xacrodoc")
     text = find_urdf("adept_3dof").path.read_text()

@@ -9,6 +9,7 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 from compliant_cells import with_grasps
 from numpy.testing import assert_allclose
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError
@@ -102,7 +103,7 @@ def test_the_monitor_refuses_gains_that_turn():
 # ------------------------------------------------------------ what unequal gains add
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_unequal_gains_bear_a_change_of_the_load_until_the_anchors_have_moved_it(name):
     """g sum ftilde_i = (G_i G^-1 - c_i) d after a load d; at rest k_I G_i gamma (b_i - bbar) / beta."""
     K = {"left": FULL[name], "right": 0.5 * np.diag(np.diagonal(FULL[name]))}
@@ -149,7 +150,7 @@ def test_unequal_gains_bear_a_change_of_the_load_until_the_anchors_have_moved_it
 # ------------------------------------------------------------ the proposal
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_every_arm_alone_is_stable_with_the_proposed_gains_on_the_softest_grasps(name):
     scenario = with_grasps(at_rest(name), "soft", damping_ratio=0.3)
     proposed = cp.suggest(scenario, poses=5)
@@ -191,7 +192,7 @@ def test_the_loop_of_a_zeroed_law_is_that_of_arms_without_a_bias(name):
     assert_allclose(radii[1], radii[0], rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_the_printed_law_is_refused_on_soft_grasps_with_the_stiffness_that_it_needs(name):
     scenario = SCENARIOS[name]().replace(events=(), beyond_bound=True)
     if name == "spatial":

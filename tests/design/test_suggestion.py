@@ -298,6 +298,7 @@ def with_narrow_wrist(arm):
     return {**arm, "urdf": str(file.parent / "narrow.urdf")}
 
 
+@pytest.mark.gate
 def test_a_grasp_is_turned_where_that_opens_a_joint_and_it_says_so(tmp_path):
     """A grasp half a turn away from what the wrist can do; by hand the arm then stands as it was posed."""
     posed = short(carry("narrow", [with_narrow_wrist(six_r(tmp_path, 150.0))] * 2, by=(0.0, 0.05, 0.05)))
@@ -464,6 +465,7 @@ def test_ten_new_cells_carry_two_kilograms_with_no_number_set_by_hand_or_are_tol
     assert [name for name, is_kept in carried.items() if not is_kept] == ["xarm7", "mixed"]
 
 
+@pytest.mark.gate
 def test_a_law_that_has_a_proposal_is_kept_and_another_is_a_headline():
     """An admittance that grows gets gains that hold; the printed law is replaced, which is told first."""
     weak = {"controller.gains.admittance_damping": (50.0, 50.0, 50.0, 1.0, 1.0, 1.0)}
@@ -478,20 +480,20 @@ def test_a_law_that_has_a_proposal_is_kept_and_another_is_a_headline():
     assert printed.changes[0].startswith("law CHANGED from 'sliding-mode'")
 
 
+@pytest.mark.parametrize("wrists", [None, pytest.param({}, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["adept-anchored", pytest.param("two-pandas-box", marks=pytest.mark.slow)])
-def test_a_dead_zone_that_is_not_proposed_is_told(name):
+def test_a_dead_zone_that_is_not_proposed_is_told(name, wrists):
     stated = cp.Scenario.load(name, {"events": ()})
     gains = stated.controller.gains.replace(anchor_gain=0.0)
     law = cp.laws.PayloadSpace(gains=gains, integral_dead_zone=(1.2e-3, 2.4e-3))
-    for wrists in ({}, None):
-        with_zone, without = (
-            cp.suggest(stated.override({"sensors.wrist": wrists}).replace(controller=each), poses=5)
-            for each in (law, law.beyond_dead_zone)
-        )
-        assert with_zone.scenario == without.scenario
-        (sentence,) = set(with_zone.changes) - set(without.changes)
-        assert sentence.startswith("integral_dead_zone DROPPED")
-        assert with_zone.scenario.controller.measures == (wrists is not None) == ("anchored" in sentence)
+    with_zone, without = (
+        cp.suggest(stated.override({"sensors.wrist": wrists}).replace(controller=each), poses=5)
+        for each in (law, law.beyond_dead_zone)
+    )
+    assert with_zone.scenario == without.scenario
+    (sentence,) = set(with_zone.changes) - set(without.changes)
+    assert sentence.startswith("integral_dead_zone DROPPED")
+    assert with_zone.scenario.controller.measures == (wrists is not None) == ("anchored" in sentence)
 
 
 @pytest.mark.slow

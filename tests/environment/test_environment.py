@@ -205,7 +205,7 @@ def test_actions_on_gains_are_laws_with_other_gains(name):
         VectorCellEnv(scenario, task)
 
 
-@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_the_seed_alone_draws_the_numbers(name):
     lanes = VectorCellEnv(with_noise(name), TASKS["torque"], num_envs=3)
     action = np.zeros(lanes.action_space.shape)
@@ -222,7 +222,7 @@ def test_the_seed_alone_draws_the_numbers(name):
     assert np.array_equal(observed(4)[0], first[1])
 
 
-@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_episodes_without_a_seed_go_on_with_the_generator_alike_in_a_cell_and_in_lanes(name):
     """As trainers rely on: a seed once, then resets without one."""
     scenario, task = with_noise(name), TASKS["torque"]
@@ -257,7 +257,7 @@ def test_episodes_without_a_seed_go_on_with_the_generator_alike_in_a_cell_and_in
             CellEnv(scenario, task).reset(seed=wrong)
 
 
-@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_a_lane_that_diverges_ends_alone(name):
     task = Task("torque", scale=1e9, law=False, failure=7.0)
     lanes, env = VectorCellEnv(cell(name), task, num_envs=2), CellEnv(cell(name), task)

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
+from tiers import by_default
 
 from coop_pin.base.errors import (
     ArgumentError,
@@ -78,7 +79,7 @@ def test_gymnasium_makes_lanes_by_the_registered_name(planar):
     assert made.reset(seed=3)[0].dtype == made.observation_space.dtype == np.float32
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_a_line_of_text_says_how_large_the_errors_are(name):
     """Before any motion: errors of the payload's pose as the sample of the first tick has them."""
     scenario = cell(name)

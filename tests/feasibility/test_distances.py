@@ -187,6 +187,7 @@ def test_check_tells_it():
     assert [each.severity for each in findings if each.kind == "distance"] == ["warning"]
 
 
+@pytest.mark.gate
 def test_proposed_postures_keep_the_clearance_where_they_can():
     scenario = cp.Scenario.load("three-ur5-far", TILTED)
     assert not distances(scenario, poses=21).ok

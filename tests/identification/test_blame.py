@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from log_cells import all_logged, drawn, logged, scenario_of, truth, with_causes
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError
@@ -26,7 +27,7 @@ def answered(kind, seed):
     return scenario, causes, record, cell, cp.blame(record, cell, priors=PRIORS)
 
 
-@pytest.fixture(scope="module", params=["turning", "adept"])
+@pytest.fixture(scope="module", params=by_default(["turning", "adept"], "adept", others=pytest.mark.slow))
 def case(request):
     return answered(request.param, 4)
 

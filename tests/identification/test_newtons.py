@@ -92,7 +92,7 @@ def test_the_weight_of_a_hand_behind_a_wrist_is_taken_off():
     assert np.nanmax(np.abs(forces[0] - forces[1])) < 0.01  # of 4.9 N; angles are interpolated
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_replay_of_a_log_has_the_pads_of_its_cell():
     quiet = {"duration": 2.0, "events": (), "sensors": {"wrist": {}}}
     answer = cp.blame(cp.run("two-pandas-palms", quiet, warn=False))

@@ -47,7 +47,7 @@ def distance(model, q, near):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "xarm7")) for name in ARMS]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("panda", "xarm7"))) for name in ARMS]
 )
 def test_every_branch_closes_within_the_limits_and_the_nearest_comes_first(models, name):
     model = models[name]

@@ -5,6 +5,7 @@ import pytest
 from cells import SCENARIOS
 from law_cells import force_error, stated, still
 from numpy.testing import assert_allclose
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, ScenarioError
@@ -40,7 +41,7 @@ def test_computed_torque_with_the_exact_model_decays_at_the_chosen_poles(name):
     assert_allclose(worst[0] / worst[1], 2.0, rtol=0.15)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "spatial"))
 def test_the_internal_force_integral_takes_out_what_a_wrong_model_leaves(name):
     """Li, Hsu and Sastry (1989): the internal force converges; the tracking error of the model stays."""
     wrong = {"mass": 1.3, "inertia": 0.8, "friction": 0.0}
@@ -176,7 +177,7 @@ def lyapunov(scenario, kept):
     return V
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_adaptation_lowers_its_lyapunov_function_and_the_error(name):
     """Slotine and Li (1987): V falls, so that the estimates stay bounded, and the error shrinks."""
     K_d, gain, rate = {
@@ -236,7 +237,7 @@ def test_the_torque_qp_keeps_torque_limits_and_friction_cones(name):
     assert (across - 0.5 * np.sqrt(2.0) * pressed)[1:].max() < 0.5
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_the_disturbance_estimate_takes_out_a_constant_push(name):
     """Verginis, Mastellaro and Dimarogonas (2018): the pose error vanishes under an unknown disturbance."""
     K_d = [20.0, 20.0, 2.0] if name == "planar" else [30.0, 30.0, 20.0, 2.0, 2.0, 1.0]

@@ -121,7 +121,7 @@ def of_the_package(alpha, bias, duration):
     """The same of a run of the package, on Pinocchio."""
     changes = {"controller.gains.sign_gain": alpha, "duration": duration, "events": []}
     changes |= {"cell.arms.left.calibration_error.tip.xyz": [bias, 0.0, 0.0]}
-    data = cp.run("adept-paper", changes, warn=False).data
+    data = cp.run("adept-paper", changes, warn=False, engine="compiled").data
     force = np.hypot(data.internal_axial_error, data.internal_shear_error).max("arm").values
     return np.linalg.norm(data.pose_error.values[:-1, :2], axis=1), force[:-1]
 
@@ -168,7 +168,7 @@ def test_a_load_before_the_integral_takes_it_up():
     _, push = cp.Scenario.load("adept-paper").events
     wrench = [*(100.0 * directions[0]), 0.0, 0.0, 0.0, 0.0]
     load = push.model_dump() | {"duration": 4.0, "wrench": wrench}
-    data = cp.run("adept-paper", {"events": [load], "duration": 14.0}, warn=False).data
+    data = cp.run("adept-paper", {"events": [load], "duration": 14.0}, warn=False, engine="compiled").data
     peak = 1e3 * np.linalg.norm(data.pose_error.values[data.time.values > 10.0, :2], axis=1).max()
     assert peak < sags[0]
     require_numbers("alpha", {r"or (\d+) mm in the worst direction": peak})

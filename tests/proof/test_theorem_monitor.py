@@ -62,7 +62,10 @@ def test_the_monitor_marks_where_the_proof_breaks():
     marked = {}
     for alpha in (0.0, 0.2):
         result = cp.run(
-            "adept-paper", {"controller.gains.sign_gain": alpha, "duration": 4.0, "events": ()}, warn=False
+            "adept-paper",
+            {"controller.gains.sign_gain": alpha, "duration": 4.0, "events": ()},
+            warn=False,
+            engine="compiled",
         )
         monitor = theorem_monitor(result)
         marked[alpha] = float(monitor["V_rate_3_is_positive"].sel(time=slice(3.5, None)).mean())
@@ -143,6 +146,7 @@ def test_a_dead_arm_brings_the_other_anchor_to_its_bound(name):
     assert times[1] == 0.0
 
 
+@pytest.mark.gate
 def test_a_sweep_tells_the_time_at_the_bound(tmp_path):
     """A column of the table by either engine: an arm lost at 0.4 and at 0.7 s."""
     plan = cp.SweepPlan(
@@ -182,7 +186,11 @@ def test_the_derivation_holds_for_three_and_for_unequal_arms(cell, measured):
     scenario = MORE_ARMS[cell]().override(MEASURED.get(measured, {}))
     first, *others = scenario.cell.arms
     arms = {arm: {} for arm in others} | {first: {"tip": {"xyz": [1e-3, 0.0, 0.0]}}}
-    result = cp.run(scenario, {f"cell.arms.{arm}.calibration_error": arms[arm] for arm in arms}, warn=False)
+    result = cp.run(
+        scenario,
+        {f"cell.arms.{arm}.calibration_error": arms[arm] for arm in arms},
+        warn=False,
+    )
     monitor = theorem_monitor(result)
     assert result.simulation_sound, result.verdict()
     assert largest(monitor["balance_2"]) < 1e-6

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 from page_texts import read_numbers, require_numbers
 from scipy.linalg import eigh, expm
 from scipy.optimize import brentq
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.comparison import controllers_for
@@ -160,7 +161,7 @@ def test_a_mode_of_the_sampled_motion_is_that_of_the_page(rate, gamma, k_I, lag)
     )
 
 
-@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_catalogues_damping_is_as_the_page_says(every):
     """Of the sampled loop along the motions; least eigenvalue of A^-1 K at three poses."""
     page = (CONCEPTS / "payload-space.md").read_text(encoding="utf-8")
@@ -319,7 +320,7 @@ def one_axis(rows, alpha, folder):
     )
 
 
-@pytest.mark.parametrize("rows", GANTRIES)
+@pytest.mark.parametrize("rows", by_default(GANTRIES, "planar"))
 def test_a_force_gain_leaves_a_part_of_what_contradicts_theorem_3(rows, tmp_path):
     """A quarter of 0.8333 N at K_f 3, behind a low-pass."""
     filtered = {"sensors.wrist": {}, "controller.force_path": {"kind": "low-pass", "pole": 0.9}}
@@ -355,7 +356,7 @@ def test_unequal_pose_gains_drive_the_internal_force_by_the_integral():
             "controller.arm_gains": {"right": gains.replace(pose_gain=3.0).model_dump()},
             "beyond_bound": True,
         }
-        data = cp.run(paper, changes, warn=False).data
+        data = cp.run(paper, changes, warn=False, engine="compiled").data
         error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0, time=-2).values
         errors.append(np.linalg.norm(error[:2]))
     assert_allclose(errors, [68.0, 0.09], rtol=0.06)

@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
 LONG = {"compare_laws", "four_bar", "motions", "sweep_force_gain"}
 """Examples of many or long runs: two thirds of the time of all. What they call runs in tests of its own."""
-QUICK = {"ik_branches", "internal_force_split"}
+QUICK = {"internal_force_split"}
 """Examples that run in the default tier, too."""
 PAPER = (FOLDER.parent / "docs" / "concepts" / "paper.md").read_text(encoding="utf-8")
 

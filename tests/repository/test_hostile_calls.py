@@ -84,7 +84,7 @@ def test_stated_classes_take_numbers_of_numpy_and_members_of_unions():
         f()
 
 
-@pytest.mark.parametrize("count", [10, pytest.param(25, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("count", [5, pytest.param(25, marks=pytest.mark.slow)])
 def test_random_calls_end_in_typed_errors_or_sound_results(count):
     assert unsound(endings(2026, 0, count)) == []
 

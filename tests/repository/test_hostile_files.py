@@ -32,7 +32,7 @@ def not_allowed(found):
     return others
 
 
-@pytest.mark.parametrize("count", [10, pytest.param(25, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("count", [5, pytest.param(25, marks=pytest.mark.slow)])
 def test_hostile_files_end_in_typed_errors_or_sound_results(count):
     found = endings(2026, count)
     assert len(found) == count

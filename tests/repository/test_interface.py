@@ -82,7 +82,7 @@ print("failed:", *[space for child, space in children.items() if os.waitpid(chil
 """
 
 
-@pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.slow)])
 def test_every_namespace_and_name_resolves_after_importing_nothing_but_coop_pin(every):
     """Each namespace in a process of its own."""
     assert run_python(RESOLVES.replace("{every}", str(every))) == "failed:\n"

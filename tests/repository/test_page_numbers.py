@@ -53,7 +53,7 @@ def test_the_start_settles_to_a_millimetre_by_the_pose_gain():
     times = []
     for gain, changes in ((2.0, {"events": [], "duration": 4.0}), (float(gamma), {})):
         changes = changes | {"controller.gains.pose_gain": gain}
-        data = cp.run("adept-paper", changes, warn=False).data
+        data = cp.run("adept-paper", changes, warn=False, engine="compiled").data
         x, y, *_, turn = np.moveaxis(data.pose_error.values, -1, 0)
         is_off = np.maximum(np.hypot(x, y), np.abs(turn)) > 1e-3
         is_early = data.time.values < 10.0
@@ -83,7 +83,9 @@ def test_forces_under_a_bias_are_those_of_the_papers_table():
         (row,) = re.findall(rf"^\| {law} \|.*$", PAGES["paper"], re.MULTILINE)
         ((shown, end, metres),) = re.findall(r"([\d.]+) N (?:after (\d+) s )?at (\d) mm", row)
         bias = {"events": [], "duration": float(end or 20.0), TIP: [1e-3 * float(metres), 0.0, 0.0]}
-        force = worst_force(cp.run(scenario, changes | bias, warn=False).data).sel(time=slice(19.0, None))
+        force = worst_force(cp.run(scenario, changes | bias, warn=False, engine="compiled").data).sel(
+            time=slice(19.0, None)
+        )
         assert holds(float(np.sqrt((force**2).mean())), shown), law
 
 
@@ -101,14 +103,14 @@ def test_the_picture_of_two_laws_under_a_bias_has_the_numbers_of_its_caption():
     for text, (scenario, alpha) in runs.items():
         changes = {"events": [], TIP: [1e-3 * float(bias), 0.0, 0.0], "duration": float(end)}
         changes |= {} if alpha is None else {"controller.gains.sign_gain": float(alpha)}
-        data = cp.run(scenario, changes, warn=False).data.isel(arm=0, time=-1)
+        data = cp.run(scenario, changes, warn=False, engine="compiled").data.isel(arm=0, time=-1)
         assert holds(float(np.hypot(data.internal_axial_error, data.internal_shear_error)), text)
 
 
 @pytest.mark.slow
 def test_what_the_fit_does_not_show_is_what_its_run_does():
     """Shear at the start, settling, swing and K_f of the gains that come nearest to the paper's axes."""
-    result = cp.run("adept-paper-fit", warn=False)
+    result = cp.run("adept-paper-fit", warn=False, engine="compiled")
     data, page = result.data, " ".join(PAGES["paper"].split())
     assert result.task.kept
     assert f"$K_f$ is {result.scenario.controller.gains.force_gain:g}," in page
@@ -130,7 +132,9 @@ def test_a_force_gain_divides_the_error_once_its_low_pass_has_settled():
     scaled = []
     for gain in (0.0, 9.0, 15.0):
         gains = {"controller.gains.sign_gain": 0.0, "controller.gains.force_gain": gain}
-        data = cp.run("adept-paper", {"events": [], "duration": 10.0} | FILTERED | gains, warn=False).data
+        data = cp.run(
+            "adept-paper", {"events": [], "duration": 10.0} | FILTERED | gains, warn=False, engine="compiled"
+        ).data
         error = np.hypot(data.internal_axial_error.values, data.internal_shear_error.values).max(axis=-1)
         parts = np.split((1.0 + gain) * error[1:], 20)
         scaled.append(np.sqrt(np.mean(np.square(parts), axis=1)))

@@ -132,6 +132,7 @@ def test_the_wheel_holds_the_package_its_data_and_the_robots_and_nothing_else(wh
     assert {f"coop_pin/description/scenarios/{name}.toml" for name in scenario_names()} <= names
 
 
+@pytest.mark.gate
 def test_the_wheel_is_for_any_platform_and_says_what_pyproject_says(wheel):
     assert wheel.name == f"coop_pin-{coop_pin.__version__}-py3-none-any.whl"
     files = {
@@ -175,6 +176,7 @@ def test_the_sdist_holds_every_file_of_the_repository_and_nothing_that_was_made(
     ]
 
 
+@pytest.mark.gate
 def test_no_file_names_a_folder_of_the_machine_it_was_built_on(sdist, wheel):
     places = [
         f"{place}/".encode() for place in {REPOSITORY, Path.home(), Path(sys.prefix)} if str(place) != "/"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import tomli_w
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, FileReadError
@@ -73,7 +74,7 @@ def test_a_sweep_of_another_version_is_refused_and_repeated(tmp_path):
     assert cp.sweep(plan, out=tmp_path, execution=HERE).counts()["ok"] == 2
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("engine", by_default(["pinocchio", "compiled"], "pinocchio"))
 def test_what_this_version_stores_is_found(tmp_path, engine):
     base = cp.Scenario.load("adept-anchored").replace(duration=0.1, events=())
     plan = cp.SweepPlan(base=base, axes={"controller.gains.sign_gain": [0.1, 0.2]}, engine=engine, keep="all")

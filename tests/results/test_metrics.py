@@ -541,10 +541,11 @@ def test_closure_error_torque_peak_and_energy_balance_are_over_the_whole_run():
 @pytest.mark.parametrize(
     ("cell", "engine", "every"),
     [
-        *(("planar", "compiled", 3), ("spatial", "pinocchio", 3)),
+        ("spatial", "pinocchio", 3),
         *(
             pytest.param(*others, marks=pytest.mark.slow)
             for others in (
+                ("planar", "compiled", 3),
                 *(("planar", "pinocchio", 1), ("spatial", "compiled", 1)),
                 *(("planar", "pinocchio", 3), ("planar", "compiled", 1)),
                 *(("spatial", "pinocchio", 1), ("spatial", "compiled", 3)),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cells import SCENARIOS, spatial_scenario
 from numpy.testing import assert_allclose
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError, OutOfRangeError
@@ -47,7 +48,7 @@ def causes(result):
 # ---------------------------------------------------------------- causes
 
 
-@pytest.mark.parametrize("name", ["adept-paper", "two-pandas-box"])
+@pytest.mark.parametrize("name", by_default(["adept-paper", "two-pandas-box"], "adept-paper"))
 def test_a_sound_run_that_keeps_its_task_says_so(name):
     result = cp.run(name, {"duration": 3.0, "events": []}, warn=False)
     assert result.breaches() == result.task.deviations == ()
@@ -303,7 +304,7 @@ def test_every_metric_has_its_window_beside_it_in_the_summary(pushed):
 # ---------------------------------------------------------------- task
 
 
-@pytest.mark.parametrize("every", [1, 5])
+@pytest.mark.parametrize("every", by_default([1, 5], 5))
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_largest_errors_are_the_maxima_of_the_data_and_their_limits_make_the_verdict(name, every):
     """After the start's decay, pushes at seeded times and all; also where few samples are kept."""

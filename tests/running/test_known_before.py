@@ -4,6 +4,7 @@ import logging
 
 import pytest
 from test_plausibility import cell_of
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import DivergedError
@@ -25,13 +26,16 @@ def short(kind):
 
 @pytest.mark.parametrize(
     ("kind", "engine"),
-    [
-        *(("planar", "compiled"), ("spatial", "pinocchio")),
-        *(
-            pytest.param(*others, marks=pytest.mark.slow)
-            for others in (("planar", "pinocchio"), ("spatial", "compiled"))
-        ),
-    ],
+    by_default(
+        [
+            *(("planar", "compiled"), ("spatial", "pinocchio")),
+            *(
+                pytest.param(*others, marks=pytest.mark.slow)
+                for others in (("planar", "pinocchio"), ("spatial", "compiled"))
+            ),
+        ],
+        ("planar", "compiled"),
+    ),
 )
 def test_what_a_run_warns_of_stays_with_its_result_and_its_pages(kind, engine, tmp_path):
     scenario = weak(kind)
@@ -64,7 +68,7 @@ def test_a_run_that_breaks_off_keeps_what_was_known():
     assert str(caught.value.result.findings.entries) == str(known.entries)
 
 
-@pytest.mark.parametrize("kind", WEAK)
+@pytest.mark.parametrize("kind", by_default(WEAK, "planar"))
 def test_a_sweep_logs_what_is_known_of_its_first_run_unless_it_is_quiet(kind, tmp_path, caplog):
     axes = {"controller.gains.pose_gain": [1.0, 1.1]}
     with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):

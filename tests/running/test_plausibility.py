@@ -233,7 +233,7 @@ def test_a_run_builds_one_simulation_which_its_warnings_leave_as_it_was(engine):
     "changes",
     [
         {"sensors.wrist.delay": 10, "controller.gains.admittance_damping": [200.0] * 3 + [4.0] * 3},
-        pytest.param({"controller.gains.admittance_damping": [50.0] * 3 + [1.0] * 3}, marks=pytest.mark.gate),
+        pytest.param({"controller.gains.admittance_damping": [50.0] * 3 + [1.0] * 3}, marks=pytest.mark.slow),
     ],
 )
 def test_an_admittance_that_grows_on_its_servos_is_named_by_run_and_check(changes, tmp_path, capsys):

@@ -8,6 +8,7 @@ import pytest
 from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
+from tiers import by_default
 from ways import run_on
 
 import coop_pin as cp
@@ -103,7 +104,7 @@ def turning(name: str, gravity: np.ndarray = TURNED) -> cp.Scenario:
     return scenario.replace(duration=duration, events=events)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_runs_of_all_engines_agree_and_keep_their_energy(name):
     scenarios = [turning(name), turning(name, -0.5 * TURNED)]
     ours = [cp.run(scenario, warn=False) for scenario in scenarios]

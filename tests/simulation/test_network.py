@@ -10,6 +10,7 @@ from cells import ANCHORED, SCENARIOS
 from network_cells import BIASED, CELLS, Silent, arriving, moved, network_of, samples, two_arms
 from numpy.testing import assert_allclose, assert_array_equal
 from page_texts import require_numbers
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, InvalidStateError, ScenarioError, ShapeError
@@ -211,7 +212,7 @@ def test_graphs():
     ("cell", "network"),
     [
         ("two planar", "all arms"),
-        pytest.param("two planar", "far", marks=pytest.mark.gate),
+        pytest.param("two planar", "far", marks=pytest.mark.slow),
         pytest.param("two spatial", "far", marks=pytest.mark.gate),
     ],
 )
@@ -239,7 +240,7 @@ def test_a_run_goes_on_from_its_state_with_the_same_bits():
     assert run.result().data.equals(samples(scenario))
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_an_arm_reads_its_motion_by_its_own_clock(cell):
     scenario, law = two_arms(cell)
     clocks = {"clocks": {"right": {"offset": 0.1, "drift": 0.01}}}
@@ -260,7 +261,7 @@ def at_constant_speed(time, start):
     return X
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_clocks_that_differ_pull_as_a_bias_of_speed_times_error(cell):
     """b = V_d dt: 10 ms at 0.1 m/s are 1 mm. f' = c (1 - c) K gamma (b' + k_I b) - beta f under a drift."""
     base, law = two_arms(cell)
@@ -921,7 +922,7 @@ def test_internal_wrenches_by_messages_need_sensors_and_a_network():
             anchored("three planar", **BY_MESSAGES | changes)
 
 
-@pytest.mark.parametrize("law", [{}, BY_MESSAGES])
+@pytest.mark.parametrize("law", by_default([{}, BY_MESSAGES], BY_MESSAGES))
 def test_check_counts_what_crosses(law, capsys, tmp_path):
     fields = {"sensors.wrist": {}, "network": {"delay": 1}, "events": []} | law
     scenario = cp.Scenario.load("adept-anchored", fields)

@@ -8,6 +8,7 @@ import pytest
 from cells import random_velocity
 from numpy.testing import assert_allclose
 from rollers import STARTS, PlanarRobot, rolling_cell
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.actuators import DifferentialBase, Steering
@@ -238,7 +239,7 @@ def moving_errors(result):
     return np.linalg.norm(data.pose_error.values[rows, :3], axis=-1).max(), force.max()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", by_default(NAMES, "planar"))
 def test_bases_that_follow_the_payload_roll_disturb_nothing_and_the_books_balance(name):
     result = cp.run(carry(rolling_cell(name), name), warn=False)
     position, force = moving_errors(result)
@@ -275,7 +276,7 @@ def one_arm(name, **fields):
     return cp.Scenario(**common, controller=cp.UserController(target=Holding), events=braked)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", by_default(NAMES, "planar"))
 def test_on_a_circle_the_ground_holds_the_wheels_with_m_v_omega(name):
     """m (v w - w^2 c_y + w' c_x) with the centre of mass c of platform, arm and payload; an arc of v / w."""
     v, w = 0.6, -0.5
@@ -460,7 +461,7 @@ def test_a_base_that_its_arm_is_not_told_of_is_an_error_with_a_cure(name):
     assert finding.severity == "warning"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", by_default(NAMES, "planar"))
 def test_the_verdict_names_wheels_that_would_slide(name):
     turn = Steering(speed=0.6, turn_rate=-0.5, duration=4.0, ramp=0.5)
     scenario = one_arm(name, follow=turn, friction=0.02).override({"duration": 0.6})

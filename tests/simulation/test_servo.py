@@ -10,6 +10,7 @@ from cells import SCENARIOS, planar_three_arms
 from law_cells import servo_cell
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag, expm
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError, ShapeError
@@ -144,17 +145,20 @@ def test_batches_have_the_servos_of_single_runs(name, kind):
 
 @pytest.mark.parametrize(
     ("name", "rate_hz", "beside"),
-    [
-        *(("planar", 200.0, 2e-9), ("spatial", 1000.0, 2e-9)),
-        *(
-            pytest.param(*others, marks=pytest.mark.slow)
-            for others in (
-                *(("planar", 1000.0, -2e-9), ("spatial", 200.0, -2e-9)),
-                *(("planar", 200.0, -2e-9), ("planar", 1000.0, 2e-9)),
-                *(("spatial", 200.0, 2e-9), ("spatial", 1000.0, -2e-9)),
-            )
-        ),
-    ],
+    by_default(
+        [
+            *(("planar", 200.0, 2e-9), ("spatial", 1000.0, 2e-9)),
+            *(
+                pytest.param(*others, marks=pytest.mark.gate)
+                for others in (
+                    *(("planar", 1000.0, -2e-9), ("spatial", 200.0, -2e-9)),
+                    *(("planar", 200.0, -2e-9), ("planar", 1000.0, 2e-9)),
+                    *(("spatial", 200.0, 2e-9), ("spatial", 1000.0, -2e-9)),
+                )
+            ),
+        ],
+        ("planar", 200.0, 2e-09),
+    ),
 )
 def test_an_event_some_nanoseconds_beside_a_tick_is_no_sample_of_a_servo(name, rate_hz, beside):
     """With one sample a tick, and with five of which one comes a plant step after the event."""
@@ -254,7 +258,7 @@ def test_analyses_of_torques_say_that_they_do_not_know_servos():
             analysis(scenario)
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_a_push_dies_away_with_the_slow_eigenvalues_of_the_loop_with_servos(cell):
     """What the law keeps without a wrench, the offset of each drive's motion, is at 1."""
     scenario = servo_cell(cell, "velocity", duration=1.0)
@@ -281,7 +285,7 @@ def test_commands_unpack_as_before():
 # ---------------------------------------------------------------- laws on servos, against closed forms
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_without_error_the_motion_tends_to_the_prescribed_one_as_the_bandwidth_rises(name):
     """P on position is late by V_d / k_p: 15, 3.7 and 0.93 um, with the servo's rate raised alike."""
     start = SCENARIOS[name]().start
@@ -681,7 +685,7 @@ class Mixed(cp.CellController):
         return cp.CellCommand([pull, None], state, positions=[None, goal])
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 def test_arms_of_one_cell_take_different_commands(name):
     second = list(SCENARIOS[name]().cell.arms)[1]
     servo = {"command": "position", "rate_hz": 400.0, "position_bandwidth": 50.0}

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from lifts import planar_cell, planar_robot, spatial_cell, spatial_robot
 from numpy.testing import assert_allclose
+from tiers import by_default
 from whole_robots import WholeRobot
 
 import coop_pin as cp
@@ -296,7 +297,9 @@ class WithWeight(ArmController):
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize(("constant", "allowed"), [(False, 0.5e-3), (True, 1e-3)])
+@pytest.mark.parametrize(
+    ("constant", "allowed"), by_default([(False, 0.5e-3), (True, 1e-3)], (False, 0.5e-3))
+)
 def test_law_23_takes_the_motion_of_the_lift_off(constant, allowed, tmp_path):
     """With true gravity torques (the robot's own and J^T of the weight), and with those held at the start."""
     lift = spatial_cell(tmp_path, lift=SharedJoint(follow=RISE), yaw=SharedJoint())
@@ -435,7 +438,7 @@ class Pushing(ArmController):
     "hinges",
     [(), *(pytest.param(arms, marks=pytest.mark.slow) for arms in (("left",), ("left", "right")))],
 )
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", by_default(CELLS, "planar"))
 def test_a_joint_on_a_shared_one_hits_its_stop_and_the_books_balance(name, hinges, tmp_path):
     """Rotors, a lift or rail that moves, hinges and stops in one cell; the spring is that of its law."""
     make, text, (first, second), _ = CELLS[name]

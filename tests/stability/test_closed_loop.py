@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError, OutOfRangeError
@@ -74,7 +75,7 @@ def crosses(scenario, field, bound):
     ]
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
 @pytest.mark.parametrize(
     "loop",
     [

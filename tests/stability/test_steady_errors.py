@@ -7,6 +7,7 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, OutOfRangeError
@@ -47,7 +48,7 @@ def test_force_feedback_slows_the_ramp_and_divides_what_a_spring_holds(force_gai
     tip = {"events": [], "duration": 8.0, "cell.arms.left.calibration_error.tip.xyz": [2.5e-3, 0.0, 0.0]}
     found = errors(gains | fixed, bias=2.5e-3)
     assert_allclose(found.growth, 1.0 / (1.0 + force_gain))
-    data = cp.run("adept-anchored", gains | fixed | tip, warn=False).data
+    data = cp.run("adept-anchored", gains | fixed | tip, warn=False, engine="compiled").data
     error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0).values[:, :2]
     before, last = (np.linalg.norm(error[index]) for index in (-162, -2))
     assert_allclose((last - before) / 2.0, found.growth, rtol=0.01)
@@ -91,7 +92,7 @@ def test_the_worst_arm_counts_in_a_cell_of_three():
     assert found.wrenches == 3
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_the_printed_law_without_its_integral_is_a_spring(cell):
     """Force and sag are the largest singular values of what runs at rest show, axis by axis."""
     scenario, duration = SCENARIOS[cell](), 3.0
@@ -215,7 +216,7 @@ def fixed_bound(b_0, b_0_turn=0.1):
     return {f"controller.{name}": [b_0, b_0_turn] for name in ("anchor_bias", "anchor_bias_answered")}
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_a_bias_comes_to_rest_up_to_the_limit_and_ramps_beyond(cell):
     """At equal shares and b_max = 6 b_0; a fixed bound ramps at the rate that is told."""
     shares = {"cell.load_shares": {"left": 0.5, "right": 0.5}}
@@ -237,7 +238,7 @@ def test_a_bias_comes_to_rest_up_to_the_limit_and_ramps_beyond(cell):
     assert [each.force for each in told] == [np.inf, np.inf]
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", by_default(SCENARIOS, "planar"))
 def test_the_bias_of_an_anchor_for_a_tip_and_a_turned_base(cell):
     """0.9 of it ramps, 1.1 of it bears it, whatever the shares; the turn acts by the distance of the base."""
     base = at_rest(cell)

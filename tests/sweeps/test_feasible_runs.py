@@ -47,7 +47,8 @@ def no_runs(runs_here):
 @pytest.mark.parametrize(
     ("cell", "asked"),
     [
-        *(("planar", slice(1)), ("spatial", slice(2, 3))),
+        ("planar", slice(1)),
+        pytest.param("spatial", slice(2, 3), marks=pytest.mark.slow),
         pytest.param("planar", slice(1, None), marks=pytest.mark.gate),
     ],
 )
@@ -113,7 +114,7 @@ def test_a_law_that_the_cell_cannot_have_is_refused_by_all(tmp_path):
         require_feasible([scenario(cell, {"controller": SLIDING})])
 
 
-@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_runs_of_which_one_can_succeed_are_not_refused(cell):
     sound, lost = scenario(cell), scenario(cell, AWAY)
     require_feasible([lost, sound])

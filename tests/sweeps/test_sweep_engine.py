@@ -109,7 +109,7 @@ WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "compiled"), (2, "compiled")]
 QUICK_WAYS = [
     WAYS[0],
     WAYS[3],
-    *(pytest.param(*way, marks=pytest.mark.gate) for way in (WAYS[1], WAYS[2])),
+    *(pytest.param(*way, marks=pytest.mark.slow) for way in (WAYS[1], WAYS[2])),
 ]
 """Ways of which two run in the default tier: each number of workers, each engine."""
 

@@ -125,7 +125,7 @@ KINDS = {
     "modes",
     [
         ("exit", "none"),
-        pytest.param(("hang", "exit", "memory", "none"), marks=pytest.mark.gate),
+        pytest.param(("hang", "exit", "memory", "none"), marks=pytest.mark.slow),
         pytest.param(tuple(KINDS) * 2, marks=pytest.mark.slow),
     ],
 )
@@ -159,6 +159,7 @@ def meanwhile(action):
     thread.join()
 
 
+@pytest.mark.gate
 def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_killed_are_replaced():
     """Also while they start, and between two runs; no run is lost or recorded as failed."""
     with contextlib.closing(LocalBackend(1)) as pool:

@@ -412,6 +412,7 @@ def test_a_folder_in_use_is_refused(folder, capsys):
     assert "is in use by process" in capsys.readouterr().err
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("workers", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_ctrl_c_ends_the_command_with_130_and_says_how_to_go_on(folder, workers):
     words = [

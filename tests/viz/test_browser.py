@@ -111,6 +111,7 @@ def drawn(page) -> bytes:
     return page.screenshot()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", [pytest.param("planar", marks=pytest.mark.slow), "spatial"])
 def test_the_live_page_draws_the_cell_follows_the_run_and_has_it_after_a_reload(name):
     scenario = SCENARIOS[name]().replace(duration=1.0, events=())

@@ -10,6 +10,7 @@ import urllib.request
 import pytest
 from browser import browser_page
 from cells import planar_scenario, spatial_scenario
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.cli import main
@@ -18,7 +19,7 @@ from coop_pin.viz.explorer import Explorer, comparison_replay, is_folder_of_runs
 MASS = "cell.payload.mass"
 
 
-@pytest.fixture(scope="module", params=["planar", "spatial"])
+@pytest.fixture(scope="module", params=by_default(["planar", "spatial"], "planar", others=pytest.mark.slow))
 def folder(request, tmp_path_factory):
     """Folder of a sweep of three runs."""
     scenario = (planar_scenario if request.param == "planar" else spatial_scenario)().replace(

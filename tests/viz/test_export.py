@@ -109,6 +109,7 @@ def test_runs_side_by_side_are_one_sheet_of_pdf_with_text_as_text(result, tmp_pa
     assert b"/ToUnicode" in content
 
 
+@pytest.mark.gate
 @pytest.mark.usefixtures("browser")
 def test_images_can_be_made_in_a_notebook_and_are_reproducible(result, tmp_path):
     async def cell() -> None:  # a notebook's cells run inside an event loop
@@ -255,6 +256,7 @@ def test_an_incomplete_video_ends_the_command_with_an_error(result, tmp_path, mo
     assert "3 of 31 frames" in capsys.readouterr().err
 
 
+@pytest.mark.gate
 @pytest.mark.usefixtures("browser")
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are listed in /proc")
 def test_images_that_are_not_consumed_leave_no_browser(result, leaves_no_process):
