@@ -51,7 +51,9 @@ class CompiledPlant:
             MissingExtraError: llvmlite is not installed.
         """
         chain.damp(q)
-        code, self._machine = _compiled(_numbers(chain, options))
+        numbers = _numbers(chain, options)
+        self.works = numbers.works
+        code, self._machine = _compiled(numbers)
         self._slots = code.lanes.slots
         self._waiting: list[float] = []
         self._is_observed = False
