@@ -208,9 +208,9 @@ class MujocoModel:
     def forces(self, q: Array, v: Array, tau: Array) -> WeldForces:
         """Return accelerations and forces of closures under a generalised force.
 
-        The generalised force J^T f of a closure's rows is (J_1 - J_2)^T F with the Jacobians of its two sites,
-        linear and angular, in the world, or the mean of its points; of the wrenches F on the first side it is
-        the smallest.
+        The generalised force J^T f of a closure's rows is (J_1 - J_2)^T F with the Jacobians of its sites,
+        linear and angular, in the world, or the mean of those of its two points, which is that of C; of the
+        wrenches F on side a it is the smallest.
         """
         a, data, wrenches = self.acceleration(q, v, tau).copy(), self.data, list[pin.Force]()
         rows = data.efc_J.reshape(-1, self.model.nv)
