@@ -38,8 +38,15 @@ def unlike_plant(cell: Cell, options: PlantOptions, events: Sequence[PayloadEven
         if rows == "cylinder"
     ]
     without += [f"table {name!r}" for name in cell.tables]
-    without += [f"rolling base of arm {name!r} (mobile_base)" for name in cell.wheels]
-    without += [f"event is {event.kind!r}" for event in events if event.kind not in _EVENTS]
+    without += [
+        f"rolling base of arm {name!r} (mobile_base), and no equality of MuJoCo holds a velocity"
+        for name in cell.wheels
+    ]
+    without += [
+        f"event is {event.kind!r}, and its welds neither open nor close"
+        for event in events
+        if event.kind not in _EVENTS
+    ]
     return without[0] if without else unlike_mujoco(CellModel(cell, options.payload).model)
 
 
@@ -153,7 +160,10 @@ class MujocoPlant(PinocchioPlant):
         return self._wrenches(self.q, self.v, self.generalised_force(), push)
 
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
-        """Return what is recorded of n states in the present surroundings, as of Plant."""
+        """Return what is recorded of n states in the present surroundings, as of Plant.
+
+        The floor bears what it would under rigid grasps at the same states.
+        """
         observation = super().observe(q, v, force, time)
         push, tau = observation.external_wrench, force + self.resistance(q, v)
         pairs = zip(map(self.chain.payload_jacobian, q), push, strict=True)

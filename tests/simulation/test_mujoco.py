@@ -287,7 +287,7 @@ def test_with_hinges_and_balls_accelerations_and_wrenches_are_those_of_a_regular
     assert 1e-6 < softness < 4e-3
 
 
-@pytest.mark.parametrize("name", ["planar", "spatial"])
+@pytest.mark.parametrize("name", ["planar", "spatial", "planar hinges", "spatial hinges"])
 def test_the_difference_to_rigid_grasps_falls_with_the_step(name):
     scenario = CASES[name][0]().replace(events=(), duration=CASES[name][1])
     apart, gaps = [], []

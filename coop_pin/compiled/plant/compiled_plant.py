@@ -39,6 +39,7 @@ class CompiledPlant:
         surroundings: payload, and what acts on it from outside.
         force: held generalised force of the actuators, N m, shape (nv,).
         time: time, s.
+        works: names of the works.
     """
 
     engine = "compiled"
