@@ -41,6 +41,7 @@ CASES = {
     "spatial hinges": (lambda: cp.Scenario.load("two-pandas-hinges"), 0.1),
 }
 STATES = 100
+AT_THE_GATE = [pytest.param(name, marks=pytest.mark.gate) for name in ("planar hinges", "spatial hinges")]
 
 
 def eventful(name: str) -> cp.Scenario:
@@ -287,7 +288,7 @@ def test_with_hinges_and_balls_accelerations_and_wrenches_are_those_of_a_regular
     assert 1e-6 < softness < 4e-3
 
 
-@pytest.mark.parametrize("name", ["planar", "spatial", "planar hinges", "spatial hinges"])
+@pytest.mark.parametrize("name", ["planar", "spatial", *AT_THE_GATE])
 def test_the_difference_to_rigid_grasps_falls_with_the_step(name):
     scenario = CASES[name][0]().replace(events=(), duration=CASES[name][1])
     apart, gaps = [], []
