@@ -147,16 +147,6 @@ def joints(hand: Hand, name: str) -> list[str]:
     return [f"{name}_{AXES[axis]}" for axis in hand.guides]
 
 
-def has_hinges(case: Case) -> bool:
-    """Return whether a grasp is a hinge."""
-    return "hinge" in [hand.grasp for hand in case.hands]
-
-
-def has_short_arms(case: Case) -> bool:
-    """Return whether a hand has fewer axes than its space."""
-    return min(len(hand.guides) for hand in case.hands) < (3 if case.is_planar else 6)
-
-
 def start(case: Case) -> dict[str, float]:
     """Return the rate of every joint of ``cell_urdf`` at the start; all positions are zero."""
     rates = {"payload_rz": case.spin}

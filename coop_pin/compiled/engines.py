@@ -9,7 +9,7 @@ from coop_pin.base.errors import FieldError
 Engine: TypeAlias = Literal["auto", "pinocchio", "compiled", "mujoco"]
 """What simulates a run: "pinocchio", one tree of arms and payload; "compiled", code of plant, sensors, law
 and drives where all can be compiled, otherwise of the plant; "mujoco", MuJoCo's dynamics with soft welds, for
-rigid grasps; "auto" chooses between the first two by length and number of runs."""
+grasps that do not give; "auto" chooses between the first two by length and number of runs."""
 Way: TypeAlias = Literal["pinocchio", "plant", "lanes", "mujoco"]
 """How a run is computed: on Pinocchio; on MuJoCo; by a compiled plant under an interpreted law; or by
 compiled code of plant, sensors, law and drives, as one of the lanes of a program."""

@@ -101,11 +101,12 @@ Formulation = Literal["auto", "proximal", "kkt"]
 
 
 class MujocoOptions(Description):
-    """Welds of the engine "mujoco", which are soft.
+    """Welds and connects of the engine "mujoco", which are soft.
 
     A weld that is to bear f lets accelerations differ by (1 - impedance) / impedance of about what f alone
     would cause, until the gap that this opens bears it. Its rows of rotation are half an angle times the
-    scale: at 1, MuJoCo's default, they are the softest.
+    scale: at 1, MuJoCo's default, they are the softest. The two connects of a hinge stand 2 cm times the
+    scale from its grasp, on the axis.
 
     Attributes:
         time_constant: time in which the gap of a weld closes (``solref``), in integration steps.

@@ -25,6 +25,7 @@ from coop_pin.base.spatial.internal_wrench import (
 )
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
+from coop_pin.results.energies import WORK_OF_GRASPS
 from coop_pin.results.quantities import quantities
 from coop_pin.results.quantity import Samples, computed
 
@@ -82,7 +83,7 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
             values[quantity.name],
             {"units": quantity.unit, "long_name": quantity.text},
         )
-        for quantity in quantities(scenario)
+        for quantity in quantities(scenario, {*WORK_OF_GRASPS} & {*values})
         if quantity.stored
     }
     joint, k = ("arm", "joint"), values["torque"].shape[2]

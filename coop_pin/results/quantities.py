@@ -6,7 +6,7 @@ allocates its arrays and the dataset is labelled; snapshots, metrics and figures
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -186,7 +186,8 @@ QUANTITIES = (
     Quantity("patch_slip", "patch", "m", "distance that its points have slid, mean", group="patches"),
     Quantity("load_share", "arm", "1", "c_i of the agreed plan, less what tables bear", group="plan"),
     Quantity("elastic_energy", "", "J", "in compliant grasps, patches and tables", group="elements"),
-    Quantity("work_grasps", "", "J", "done by dampers of compliant grasps, friction of patches and tables",
+    Quantity("work_grasps", "", "J", "done by dampers of compliant grasps, friction of patches and tables,"
+             " soft welds of MuJoCo",
              group="elements"),
     Quantity("stop_force", "arm joint", "N m or N", "of the end stops on the joints", group="stops"),
     Quantity("stop_energy", "", "J", "in the end stops", group="stops"),
@@ -276,7 +277,12 @@ def _sensors(scenario: Scenario) -> list[Sensors]:
     return [scenario.sensors_of(arm) for arm in scenario.cell.arms]
 
 
-def quantities(scenario: Scenario) -> tuple[Quantity, ...]:
-    """Return the quantities of a run of a scenario, in the order of the table."""
+def quantities(scenario: Scenario, works: Collection[str] = ()) -> tuple[Quantity, ...]:
+    """Return the quantities of a run of a scenario, in the order of the table.
+
+    Args:
+        scenario: Scenario.
+        works: Names of works that its engine books besides.
+    """
     groups = {"", *(name for name, is_recorded in GROUPS.items() if is_recorded(scenario))}
-    return tuple(quantity for quantity in QUANTITIES if quantity.group in groups)
+    return tuple(each for each in QUANTITIES if each.group in groups or each.name in works)

@@ -18,7 +18,7 @@ def write_mjcf(scenario: Scenario, file: Path) -> None:
     Drives, friction, sensors and law are not in it. It is written without MuJoCo, and replaces a former file.
 
     Args:
-        scenario: Scenario whose grasps are rigid.
+        scenario: Scenario whose grasps do not give.
         file: File to write.
 
     Raises:

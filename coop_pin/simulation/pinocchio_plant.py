@@ -38,10 +38,13 @@ class PinocchioPlant:
         v: velocity, shape (nv,).
         surroundings: payload, and what acts on it from outside.
         time: time, s.
-        work: done so far, in the order of ``work_names``, J.
+        works: names of the works.
+        work: done so far, in the order of ``works``, J.
     """
 
     engine = "pinocchio"
+    _GIVES = False
+    """Whether rigid grasps give, and do work."""
 
     def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
         """Start at rest, without torques.
@@ -53,11 +56,12 @@ class PinocchioPlant:
         """
         model = chain.mechanism.model
         self.chain, self.transmission = chain, chain.transmission
-        self._is_elastic = bool(chain.elements.elements)
+        self._is_elastic = self._GIVES or bool(chain.elements.elements)
         self._passive: list[CellStops | PayloadJoints] = [
             part for part in (chain.stops, chain.joints) if part
         ]
-        works = len(work_names(self._is_elastic, bool(chain.stops), chain.joints is not None))
+        self.works = work_names(self._is_elastic, bool(chain.stops), chain.joints is not None)
+        works = len(self.works)
         self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(works), 0.0
         chain.damp(q)
         # Rows in the order of the works that a rate does, their sum, and what sums them.
@@ -230,8 +234,12 @@ class PinocchioPlant:
             power[-len(self._passive) :] = self._lost
         if not self._is_elastic:
             return self.chain.rigid.mechanism.solver.acceleration(q, v, tau), power
-        a, power[len(WORK)] = self.chain.acceleration(q, v, tau)
+        a, power[len(WORK)] = self._acceleration(q, v, tau)
         return a, power
+
+    def _acceleration(self, q: Array, v: Array, tau: Array) -> tuple[Array, float]:
+        """Return the acceleration, shape (nv,), and the power of grasps that give, W."""
+        return self.chain.acceleration(q, v, tau)
 
     def _force(self, t: float, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and payload wrench until the next call, (nv,)."""

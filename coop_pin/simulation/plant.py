@@ -69,8 +69,12 @@ class Plant(Protocol):
         """Held generalised force of the actuators, N m, shape (nv,)."""
 
     @property
+    def works(self) -> tuple[str, ...]:
+        """Names of the works, of ``work_names``."""
+
+    @property
     def work(self) -> Array:
-        """Work so far, in the order of ``work_names``, J."""
+        """Work so far, in the order of ``works``, J."""
 
     def state(self) -> PlantState:
         """Return the state."""

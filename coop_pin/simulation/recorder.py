@@ -18,7 +18,6 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits, limit_table
 from coop_pin.results.breaches import Breach
-from coop_pin.results.energies import work_names
 from coop_pin.results.quantities import quantities
 from coop_pin.results.quantity import Quantity, Samples, allocate, bytes_per_sample, computed
 from coop_pin.results.run_result import RunResult
@@ -117,10 +116,7 @@ class Recorder:
         count, plant, arms = self._length, self._plant, self._arms
         self._samples, self._is_shared = allocate(self.table, count, self._sizes), False
         self._work = np.full((count, len(plant.work)), np.nan)
-        works = work_names(
-            *(f"work_{part}" in self._samples for part in ("grasps", "stops", "payload_joints"))
-        )
-        self._samples |= zip(works, self._work.T, strict=True)
+        self._samples |= zip(plant.works, self._work.T, strict=True)
         self._read = [(each.read, *self._columns(each)) for each in self.table if each.read]
         rows = self._cell.task_rows.size
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]

@@ -195,10 +195,12 @@ def test_a_three_hinged_arch_has_the_thrust_of_its_closed_form():
     assert_allclose(force, (-m * g * a / (2.0 * h), m * g, 0.0), rtol=0, atol=1e-12 * m * g * a / h)
 
 
-@pytest.mark.parametrize(("engine", "text"), [("compiled", "joints"), ("mujoco", "not rigid")])
-def test_engines_without_joints_refuse_them_by_name(engine, text):
+@pytest.mark.parametrize(
+    ("engine", "kind", "text"), [("compiled", "hinge", "joints"), ("mujoco", "cylinder", "four rows")]
+)
+def test_engines_without_a_joint_refuse_it_by_name(engine, kind, text):
     with pytest.raises(FieldError, match=text):
-        cp.run(jointed("two-pandas-box", {"right": "hinge"}), engine=engine)
+        cp.run(jointed("two-pandas-box", {"right": kind}), engine=engine)
 
 
 def test_exports_and_blame_refuse_joints_by_name(tmp_path):

@@ -11,7 +11,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import planar_scenario, spatial_scenario
+from joint_cells import jointed
+from lifts import planar_cell
+from linked_cells import linked
 from numpy.testing import assert_allclose
+from tool_cells import two_things, with_gains
 
 import coop_pin as cp
 from coop_pin.base.arrays import Array
@@ -19,9 +23,10 @@ from coop_pin.base.errors import FieldError, MissingExtraError
 from coop_pin.cli import main
 from coop_pin.compiled.engine_choice import choose_engine, choose_engines
 from coop_pin.description.cell.joint_friction import JointFriction
+from coop_pin.description.cell.shared_joint import SharedJoint
 from coop_pin.description.plant import MujocoOptions, PlantOptions
 from coop_pin.grasps import CellChain
-from coop_pin.model.mujoco_model import MujocoModel, mjcf
+from coop_pin.model.mujoco_model import MujocoModel
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.mujoco_plant import MujocoPlant, unlike_plant
 from coop_pin.simulation.simulation import Simulation
@@ -32,8 +37,11 @@ CASES = {
     "spatial": (spatial_scenario, 0.1),
     "continuous": (lambda: cp.Scenario.load("kinova-pair"), 0.06),
     "three": (lambda: cp.Scenario.load("three-driven-ur5"), 0.06),
+    "planar hinges": (lambda: cp.Scenario.load("adept-hinges"), 0.5),
+    "spatial hinges": (lambda: cp.Scenario.load("two-pandas-hinges"), 0.1),
 }
 STATES = 100
+AT_THE_GATE = [pytest.param(name, marks=pytest.mark.gate) for name in ("planar hinges", "spatial hinges")]
 
 
 def eventful(name: str) -> cp.Scenario:
@@ -80,10 +88,12 @@ def test_a_run_with_events_has_the_samples_of_pinocchio(name):
     assert apart["moment"] < 5e-3
     assert theirs.engine == "mujoco"
     assert theirs.simulation_sound
-    assert ours.energy_balance_max() < theirs.energy_balance_max() < 2e-6  # what the welds store and lose
+    taken = np.abs(theirs.data["work_grasps"].values).max()  # what the welds store and lose
+    assert theirs.energy_balance_max() < max(1e-9, 0.1 * taken)
+    assert 0.0 < taken < 2e-6
     works = ("work_friction", "work_external", "work_payload_change")
     for work in works if name in ("planar", "spatial") else works[1:]:
-        assert_allclose(theirs.data[work][-1], ours.data[work][-1], rtol=1e-5, atol=1e-7)
+        assert_allclose(theirs.data[work][-1], ours.data[work][-1], rtol=5e-5, atol=1e-7)
         assert ours.data[work][-1] != 0.0
     assert "soft welds of MuJoCo: wrenches within" in theirs.summary()
     assert "MuJoCo" not in ours.summary()
@@ -91,12 +101,55 @@ def test_a_run_with_events_has_the_samples_of_pinocchio(name):
     assert "engine" not in dict(scenario_facts(ours))
 
 
-@pytest.mark.parametrize("name", ["planar", "spatial", "continuous"])
+BESIDES = {
+    "a planar tool": lambda _: with_gains(two_things("planar"), leak=0.0),
+    "a spatial tool": lambda _: with_gains(two_things("spatial"), leak=0.0),
+    "a planar lid": lambda _: linked("adept-anchored", "lid"),
+    "a spatial beam": lambda _: linked("two-pandas-box", "beam"),
+    "a free planar payload": lambda _: planar_scenario().override({"plant.payload": "free"}),
+    "a free spatial payload": lambda _: spatial_scenario().override({"plant.payload": "free"}),
+    "a ball": lambda _: jointed("two-pandas-box", {"right": "ball"}),
+    "a rail": lambda folder: on_rail(folder),
+    "a lift": lambda _: cp.Scenario.load("tiago-pro-tray"),
+    "a door": lambda _: cp.Scenario.load("two-pandas-door"),
+}
+
+
+def on_rail(folder: Path) -> cp.Scenario:
+    """The planar robot of tests on its rail, moved aside."""
+    cell = planar_cell(folder, rail=SharedJoint(), yaw=SharedJoint())
+    goal = cell.payload_pose.model_copy(update={"xyz": tuple(np.add(cell.payload_pose.xyz, (0.0, 0.1, 0.0)))})
+    gains = {"pose_gain": 20.0, "sliding_gain": 300.0, "sign_gain": 2.5, "anchor_gain": 0.1}
+    law = {"kind": "payload-space", "gains": gains | {"transient_rate": 5.0}, "force_path": {"kind": "late"}}
+    line = {"kind": "line", "start": cell.payload_pose, "goal": goal, "duration": 1.0}
+    law |= {"anchor_bias": (2e-3, 1e-2)}
+    fields = {"name": "rail", "cell": cell, "controller": law, "motion": line, "start": cell.payload_pose}
+    return cp.Scenario(**fields, duration=1.0, clock={"rate_hz": 500.0, "steps_per_tick": 2})
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("case", BESIDES)
+def test_tools_links_free_payloads_balls_and_shared_joints_move_as_on_pinocchio(case, tmp_path):
+    scenario = BESIDES[case](tmp_path).replace(events=())
+    scenario = scenario.override({"duration": 8.0 / scenario.clock.rate_hz})
+    ours, theirs = (cp.run(scenario, engine=engine, warn=False) for engine in ("pinocchio", "mujoco"))
+    for name, unit in {
+        "payload_position": 1e-7,
+        "payload_quaternion": 1e-7,
+        "configuration": 5e-7,
+        "work_actuation": 5e-6,
+        "interaction_wrench": 2e-2,
+    }.items():
+        assert_allclose(theirs.data[name].values, ours.data[name].values, rtol=0.0, atol=unit)
+    assert theirs.energy_balance_max() < ours.energy_balance_max() + 1e-8
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial", "continuous", "planar hinges", "spatial hinges"])
 def test_without_closures_accelerations_are_those_of_the_articulated_body_algorithm(name):
     scenario, rng = CASES[name][0](), np.random.default_rng(0)
     chain, options = CellChain(scenario.cell), MujocoOptions()
     tree = chain.model.model
-    model, data = MujocoModel(tree, mjcf(tree, [], options, step=1e-3), options), tree.createData()
+    model, data = MujocoModel(tree, [], options, step=1e-3), tree.createData()
     q_start = chain.configuration(scenario.start.matrix)
     for _ in range(STATES):
         q = pin.integrate(tree, q_start, rng.normal(size=tree.nv))
@@ -144,7 +197,8 @@ def test_with_welds_accelerations_and_wrenches_are_those_of_a_regularised_kkt(na
     scenario, rng, step = CASES[name][0](), np.random.default_rng(1), 1e-3
     chain, options = CellChain(scenario.cell), MujocoOptions()
     tree, frames = chain.model.model, ("right/grasp", "payload/right")
-    model, data = MujocoModel(tree, mjcf(tree, [frames], options, step=step), options), tree.createData()
+    closures = chain.mechanism.closures.closures
+    model, data = MujocoModel(tree, closures, options, step=step), tree.createData()
     T, d, scale = options.time_constant * step, options.impedance, options.torque_scale
     q_start, nv, softness = chain.configuration(scenario.start.matrix), tree.nv, 0.0
     for _ in range(STATES):
@@ -168,7 +222,73 @@ def test_with_welds_accelerations_and_wrenches_are_those_of_a_regularised_kkt(na
     assert 1e-6 < softness < 4e-3
 
 
-@pytest.mark.parametrize("name", ["planar", "spatial"])
+JOINTS = {
+    "planar, a hinge": ("adept-anchored", {"right": "hinge"}),
+    "planar, two hinges": ("adept-anchored", {"left": "hinge", "right": "hinge"}),
+    "spatial, a hinge": ("two-pandas-box", {"right": "hinge"}),
+    "spatial, a ball": ("two-pandas-box", {"right": "ball"}),
+    "spatial, a hinge and a ball": ("two-pandas-box", {"left": "hinge", "right": "ball"}),
+}
+POINTS = {"axis": (-0.2, 0.2), "point": (0.0,), "full": ()}
+"""Points of the connects of a joint on z of C, m."""
+
+
+@pytest.mark.parametrize("case", JOINTS)
+def test_with_hinges_and_balls_accelerations_and_wrenches_are_those_of_a_regularised_kkt(case):
+    """As of welds; the rows are the differences of points on the axis, with classical accelerations."""
+    scenario, rng, step = jointed(*JOINTS[case]), np.random.default_rng(2), 1e-3
+    chain, options = CellChain(scenario.cell), MujocoOptions()
+    tree, closures, world = chain.model.model, chain.mechanism.closures.closures, pin.LOCAL_WORLD_ALIGNED
+    model, marked = MujocoModel(tree, closures, options, step=step), tree.copy()
+    frames, of_rows = [], []
+    for number, closure in enumerate(closures):
+        for z in (0.0, *POINTS[closure.rows]):
+            for on, X in ((closure.frame_a, closure.X_AC), (closure.frame_b, closure.X_BC)):
+                frame = tree.frames[tree.getFrameId(on)]
+                pose = frame.placement * pin.SE3(X) * pin.SE3(np.eye(3), np.array((0.0, 0.0, z)))
+                name, kind = f"{len(frames)}", pin.FrameType.OP_FRAME
+                frames.append(marked.addFrame(pin.Frame(name, frame.parentJoint, 0, pose, kind)))
+        of_rows += [number] * 3 * len(POINTS[closure.rows])
+    data, softness = marked.createData(), 0.0
+    T, d, nv = options.time_constant * step, options.impedance, tree.nv
+    q_start = chain.configuration(scenario.start.matrix)
+    for _ in range(STATES):
+        q = chain.mechanism.project_configuration(pin.integrate(tree, q_start, 0.03 * rng.normal(size=nv)))
+        v = chain.mechanism.project_velocity(q, rng.normal(size=nv)) + 1e-3 * rng.normal(size=nv)
+        tau = 20.0 * rng.normal(size=nv)
+        a, on_tips = model.forces(q, v, tau)
+        M, h = np.triu(pin.crba(marked, data, q)), pin.nonLinearEffects(marked, data, q, v)
+        M += np.triu(M, 1).T
+        pin.computeJointJacobians(marked, data, q)
+        pin.forwardKinematics(marked, data, q, v, np.zeros(nv))
+        pin.updateFramePlacements(marked, data)
+        J_of = [pin.getFrameJacobian(marked, data, frame, world) for frame in frames]
+        a_of = [pin.getFrameClassicalAcceleration(marked, data, frame, world).linear for frame in frames]
+        p_of = [data.oMf[frame].translation for frame in frames]
+        J, drift, e, of_C, at = [], [], [], [], 0
+        for closure in closures:
+            of_C.append((J_of[at] - J_of[at + 1], data.oMf[frames[at]].rotation))
+            for point in range(at + 2, at + 2 + 2 * len(POINTS[closure.rows]), 2):
+                J.append(J_of[point][:3] - J_of[point + 1][:3])
+                drift.append(a_of[point] - a_of[point + 1])
+                e.append(p_of[point] - p_of[point + 1])
+            at += 2 + 2 * len(POINTS[closure.rows])
+        J, pull = np.concatenate(J), -np.concatenate(drift)
+        pull -= 2.0 / (d * T) * (J @ v) + np.concatenate(e) / (d * T**2)
+        blocks = np.block([[M, -J.T], [J, np.diag(model.data.efc_R)]])
+        parts = np.split(np.linalg.solve(blocks, np.concatenate((tau - h, pull))), [nv])
+        assert_allclose(a, parts[0], rtol=0.0, atol=1e-9 * abs(parts[0]).max())
+        for number, (F, (J_C, R)) in enumerate(zip(on_tips, of_C, strict=True)):
+            at_C = np.concatenate((R @ F.linear, R @ F.angular))
+            torques = J[np.equal(of_rows, number)].T @ parts[1][np.equal(of_rows, number)]
+            assert_allclose(J_C.T @ at_C, torques, rtol=0.0, atol=1e-7 * abs(torques).max())
+        mobility = J @ np.linalg.solve(M, J.T)
+        rigid = np.linalg.lstsq(mobility, pull - J @ np.linalg.solve(M, tau - h), rcond=1e-10)[0]
+        softness = max(softness, abs(J.T @ (rigid - parts[1])).max() / abs(J.T @ parts[1]).max())
+    assert 1e-6 < softness < 4e-3
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial", *AT_THE_GATE])
 def test_the_difference_to_rigid_grasps_falls_with_the_step(name):
     scenario = CASES[name][0]().replace(events=(), duration=CASES[name][1])
     apart, gaps = [], []
@@ -182,7 +302,7 @@ def test_the_difference_to_rigid_grasps_falls_with_the_step(name):
     assert orders[1].min() > 1.9  # what a weld bears at rest opens it by T^2
 
 
-@pytest.mark.parametrize("name", ["planar", "spatial", "three"])
+@pytest.mark.parametrize("name", ["planar", "spatial", "three", "planar hinges", "spatial hinges"])
 def test_the_model_that_is_written_reads_back_to_the_same_numbers_and_moves_alike(name, tmp_path):
     scenario = without_friction(CASES[name][0]().replace(events=(), duration=1.0))
     scenario.save(tmp_path / "cell.toml")
@@ -203,13 +323,18 @@ def test_the_model_that_is_written_reads_back_to_the_same_numbers_and_moves_alik
     assert_allclose(data.site("payload").xpos, X_WP[:3, 3], rtol=0.0, atol=1e-9)
     assert_allclose(data.site("payload").xmat.reshape(3, 3), X_WP[:3, :3], rtol=0.0, atol=1e-9)
     plant = MujocoPlant(chain, PlantOptions(), q)
+    free = [joint for joint in tree.joints if joint.nv == 6]
     torques, step = 0.1 * np.arange(model.nv), model.opt.timestep
+    torques[model.nv - 6 * len(free) :] = 0.0  # their axes differ
     plant.restore(plant.state()._replace(force=torques))
     for number in range(5):
         data.qfrc_applied[:] = torques
         mujoco.mj_step(model, data)
         plant.advance(step * number, step)
-    assert_allclose(data.qvel, plant.v, rtol=0.0, atol=1e-11 * abs(plant.v).max())
+    for joint in free:  # MuJoCo's steps of a free joint are others, too
+        R = pin.XYZQUATToSE3(plant.q[joint.idx_q :][:7]).rotation
+        data.qvel[joint.idx_v :][:3] = R.T @ data.qvel[joint.idx_v :][:3]
+    assert_allclose(data.qvel, plant.v, rtol=0.0, atol=(1e-7 if free else 1e-11) * abs(plant.v).max())
 
 
 def rows_of_the_page() -> list[list[str]]:
@@ -239,7 +364,7 @@ REFUSED = {
     "two-pandas-palms": {},
     "three-ur5-handover": {},
     "pick-carry-place": {},
-    "adept-paper": {"plant.payload": "free"},
+    "three-rolling-ur5": {},
     "two-pandas-box": {"events": [{"kind": "lose-arm", "time": 1.0, "arm": "left"}]},
 }
 
@@ -326,7 +451,8 @@ def test_a_run_that_is_resumed_goes_on_bit_for_bit(name):
     assert (whole.plant.v == resumed.plant.v).all()
 
 
-RIGID = (
+COVERED = (
+    *("adept-hinges", "two-pandas-hinges", "tiago-pro-tray", "two-pandas-door"),
     *("adept-anchored", "adept-paper", "adept-paper-fit", "baxter-box", "five-joint-pair", "four-ur5-plate"),
     *("human-partner", "kinova-pair", "panda-ur5-bar", "three-driven-ur5", "three-ur5-far"),
     *("three-ur5-plate", "two-pandas-box", "two-ur5-admittance"),
@@ -337,7 +463,7 @@ RIGID = (
 def test_a_scenario_of_the_catalogue_is_compared_or_refused_by_name():
     for name in cp.scenario_names():
         scenario = cp.Scenario.load(name)
-        if name in RIGID:
+        if name in COVERED:
             assert choose_engine(scenario, "mujoco").engine == "mujoco"
         else:
             with pytest.raises(FieldError, match=r"does not have this: .+; choose 'pinocchio'"):
@@ -357,16 +483,13 @@ def test_noise_delay_and_servo_have_the_same_draws():
         assert apart[name] < 0.02 * seeds[name]
 
 
-FINER = {
-    name: {"clock.steps_per_tick": steps} for name, steps in (("adept-paper", 10), ("adept-paper-fit", 20))
-}
-"""Steps where a sign in the law turns 1e-8 m into another instant of switching, and where a push of one tick
-stores more energy in the welds than the verdict allows."""
+FINER = {"adept-paper": {"clock.steps_per_tick": 10}}
+"""Steps where a sign in the law turns 1e-8 m into another instant of switching."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", RIGID)
-def test_every_rigid_scenario_of_the_catalogue_moves_as_on_pinocchio(name):
+@pytest.mark.parametrize("name", COVERED)
+def test_every_scenario_of_the_catalogue_that_does_not_give_moves_as_on_pinocchio(name):
     scenario = cp.Scenario.load(name, FINER.get(name, {}))
     ours, theirs = (cp.run(scenario, engine=engine, warn=False) for engine in ("pinocchio", "mujoco"))
     apart = differences(ours, theirs)

@@ -380,9 +380,8 @@ def test_what_shared_joints_cannot_be_is_refused_with_the_reason(tmp_path):
         assert path in str(error.value)
     moving = spatial_cell(tmp_path, lift=SharedJoint())
     scenario = carry(moving)
-    for engine in ("compiled", "mujoco"):
-        with pytest.raises(FieldError, match="lift"):
-            cp.run(scenario, engine=engine)
+    with pytest.raises(FieldError, match="lift"):
+        cp.run(scenario, engine="compiled")
     with pytest.raises(ArgumentError, match="shared joints"):
         cp.export.export_c(scenario, "left", tmp_path)
     with pytest.raises(FieldError, match="payload-space"):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from cases import Case
-from engine import RefusedError, hand_urdf, has_hinges, has_short_arms, in_payload_axes, robot
+from engine import RefusedError, hand_urdf, in_payload_axes, robot
 
 import coop_pin as cp
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
@@ -36,8 +36,6 @@ class CoopPin:
     plant = PinocchioPlant
 
     def wrenches(self, case: Case) -> np.ndarray:
-        if has_short_arms(case) or has_hinges(case):
-            raise RefusedError("not tried: the adapter has no hinges and no arms of fewer joints than rows")
         with tempfile.TemporaryDirectory() as folder:
             return self.cell(case, Path(folder))
 
@@ -49,9 +47,9 @@ class CoopPin:
             base, posture = cp.Pose(xyz=hand.tip), (0.0,) * len(hand.guides)
             free = {"friction": "none", "torque_limits": "none"}
             arms[f"hand{k}"] = cp.Arm(urdf=str(file), tip="hand_tip", base=base, posture=posture, **free)
-            spring = {"kind": "compliant", "stiffness": hand.spring, "damping": hand.damper}
-            pose = {"xyz": hand.tip, "rpy": hand.rpy}
-            grasps[f"hand{k}"] = pose | spring if hand.grasp == "spring" else pose
+            kinds = {"spring": {"kind": "compliant", "stiffness": hand.spring, "damping": hand.damper}}
+            kinds |= {"hinge": {"kind": "hinge"}, "rigid": {}}
+            grasps[f"hand{k}"] = {"xyz": hand.tip, "rpy": hand.rpy} | kinds[hand.grasp]
         payload = cp.Payload(mass=case.mass, inertia=(*case.inertia, 0.0, 0.0, 0.0))
         rows = {"rows": "planar"} if case.is_planar else {}
         cell = cp.Cell(arms=arms, payload=payload, grasps=grasps, gravity=tuple(case.gravity), **rows)

@@ -39,6 +39,7 @@ class CompiledPlant:
         surroundings: payload, and what acts on it from outside.
         force: held generalised force of the actuators, N m, shape (nv,).
         time: time, s.
+        works: names of the works.
     """
 
     engine = "compiled"
@@ -51,7 +52,9 @@ class CompiledPlant:
             MissingExtraError: llvmlite is not installed.
         """
         chain.damp(q)
-        code, self._machine = _compiled(_numbers(chain, options))
+        numbers = _numbers(chain, options)
+        self.works = numbers.works
+        code, self._machine = _compiled(numbers)
         self._slots = code.lanes.slots
         self._waiting: list[float] = []
         self._is_observed = False
