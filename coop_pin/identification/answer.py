@@ -118,7 +118,7 @@ class Blame:
             return (
                 f"; the log does not see {'it, its prior does' if cause.is_one else 'them, their priors do'}"
             )
-        if cause.low <= _FLOOR or cause.newtons < cause.low:  # a norm is never negative
+        if cause.low <= _FLOOR:
             return "; not different from zero"
         drives = zip(friction_parameters(self.friction), self.friction, strict=True)
         size = cause.size or " or ".join(str(one) for drive, one in drives if drive in cause.members)

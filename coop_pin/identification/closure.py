@@ -33,6 +33,7 @@ class Priors(NamedTuple):
         link: relative error of a link's length. No residual shows 0.02 % of a link.
         clock: offset of a clock against that of the first arm, s.
         wrist: zero of a wrist's force and moment, N and N m.
+        hand: mass and centre of a hand whose weight is in the wrench of its wrist, kg and m.
         mass: relative error of the payload's mass.
         centre: error of its centre, m.
         inertia: relative error of its inertia.
@@ -44,6 +45,7 @@ class Priors(NamedTuple):
     link: float = 2e-4
     clock: float = 1e-2
     wrist: tuple[float, float] = (2.0, 0.2)
+    hand: tuple[float, float] = (0.05, 1e-2)
     mass: float = 0.1
     centre: float = 1e-2
     inertia: float = 0.3
@@ -54,7 +56,7 @@ class Parameter(NamedTuple):
 
     Attributes:
         arm: name of the arm; empty for the payload.
-        part: "tip", "base", "joint", "link", "clock", "wrist" or a part of the payload.
+        part: "tip", "base", "joint", "link", "clock", "wrist", "hand" or a part of the payload.
         axis: axis, or name of the joint.
         unit: unit of its value.
     """

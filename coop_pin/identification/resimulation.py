@@ -75,7 +75,8 @@ class CauseRuns:
         at, position = first.data.time.values, first.data.payload_position.values
         everything = (*parameters, *friction_parameters(friction))
         times = at + _began(at, position, start, seen)
-        self.effects = Effects(times, everything, force, reading, self._plain)
+        without = self._plain - force[..., len(parameters) :].sum(axis=-1)
+        self.effects = Effects(times, everything, force, reading, without)
 
     def newtons(self, causes: Sequence[Mapping[Parameter, float]]) -> list[float]:
         """Return the norm of the force on an arm that each of some causes makes alone, mean over the run, N.

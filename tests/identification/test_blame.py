@@ -166,7 +166,7 @@ def test_a_wrist_whose_zero_is_found_to_be_none_is_seen(case):
 def test_at_rest_the_law_holds_what_its_steady_state_says():
     """Closed form: c_i k_I K gamma (b_i - bbar) / beta, minus the internal part of a wrist's zero."""
     scenario = scenario_of("turning")
-    law, times = LawResponse.of(scenario, np.array([0.5, 0.5])), np.linspace(0.0, 20.0, 200)
+    law, times = LawResponse.of(scenario), np.linspace(0.0, 20.0, 200)
     shape = (len(times), 2, 6, 1)
     bias, wrist = np.zeros(shape), np.zeros(shape)
     bias[:, 0, 0], wrist[:, 1, 2] = 1e-3, 2.0
