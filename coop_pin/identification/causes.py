@@ -21,8 +21,8 @@ _SEEN = 0.9
 _DRAWS = 400
 _LEVELS = (2.5, 97.5)
 """Percentiles of an interval."""
-FORECAST_ERROR = 0.04
-"""Standard deviation of a forecast of newtons against a run, as a part of them: its 95 % are 8 %."""
+FORECAST_ERROR = 0.05
+"""Standard deviation of a forecast of newtons against a run, as a part of them: its 95 % are 10 %."""
 Newtons = tuple[float, float, float]
 """Force at the estimate and the ends of its interval, N."""
 

@@ -94,7 +94,11 @@ def wrench_findings(
     strain, arms = _strain(fit), closure.arms
     if strain < _CHI:
         return
-    best, hint, remedy = strain, "check signs, topics, tips and the payload's mass", dict[str, int]()
+    best, hint, remedy = (
+        strain,
+        "check signs, topics, tips, the payload's mass and the weights of hands",
+        dict[str, int](),
+    )
     for order in itertools.permutations(arms):
         for signs in itertools.product((1.0, -1.0), repeat=len(arms)):
             read = {
@@ -153,6 +157,6 @@ def prior_findings(kinematics: Fit, payload: Fit | None) -> Iterator[Finding]:
             one = fit.parameters[worst]
             sentence = (
                 f"{one} would be {one.valued(fit.x[worst])}, {far[worst]:.1f} times its prior: state a"
-                " larger prior, or the cell is another one (bases, grasps, payload)"
+                " larger prior, or the cell is another one (bases, grasps, payload, hands)"
             )
             yield Finding("log", str(one), "warning", sentence, float(far[worst]), _BEYOND)

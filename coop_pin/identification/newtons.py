@@ -18,6 +18,7 @@ from coop_pin.identification.excitation import best_excitation
 from coop_pin.identification.filtering import Filtered
 from coop_pin.identification.friction import DriveFriction
 from coop_pin.identification.law_response import uncovered
+from coop_pin.identification.payload import hand_weight
 from coop_pin.identification.resimulation import CauseRuns
 from coop_pin.identification.views import FRAME_AXES
 from coop_pin.logs.record import Record
@@ -60,7 +61,7 @@ def newtons(
     parameters, x, covariance, prior = _estimates(closure, kinematics, payload, seen)
     reason, p = uncovered(scenario), len(kinematics.x)
     try:
-        runs = _runs(scenario, parameters, seen, x, covariance, record, closure) if reason else None
+        runs = _runs(scenario, parameters, seen, x, prior, record, closure) if reason else None
         made = effects(record, closure, scenario, parameters, seen) if runs is None else runs.effects
         causes = ranked_causes(made, x, covariance, prior)
         views = force_interval(made.force[..., :p], x[:p], covariance[:p, :p])
@@ -102,17 +103,17 @@ def _runs(
     parameters: Sequence[Parameter],
     friction: Sequence[DriveFriction],
     x: Array,
-    covariance: Array,
+    prior: Array,
     record: Record,
     closure: ViewClosure,
 ) -> CauseRuns:
-    p, sd, first = len(parameters), np.sqrt(np.diag(covariance)), next(iter(closure.arms))
+    p, first = len(parameters), next(iter(closure.arms))
     start, end = record.held_span
 
     def seen(times: Array) -> Array:
         return closure.view(first, np.clip(times, start, end)).pose[:, :3, 3]
 
-    return CauseRuns(scenario, parameters, friction, x[:p], sd[:p], start, seen)
+    return CauseRuns(scenario, parameters, friction, x[:p], prior[:p], start, seen)
 
 
 def _simulated(
@@ -184,14 +185,14 @@ def _left(
 def _read(
     scenario: Scenario, closure: ViewClosure, samples: Mapping[str, Filtered]
 ) -> tuple[Array, Array, Array]:
-    """Return the force that every wrist reads and the desired squeeze, world axes, and their times."""
+    """Return the force that every wrist reads without its hand, the squeeze, world axes, and their times."""
     linear, grasps = [k for k in closure.rows.indices if k < 3], scenario.cell.grasps
     times = next(iter(samples.values())).time
     R = closure.view(next(iter(closure.arms)), times).pose[:, :3, :3]
-    tips = [
-        np.einsum("nij,jk,nk->ni", R, closure.arms[name].X_PE[:3, :3], one.wrench[:, :3])
-        for name, one in samples.items()
-    ]
+    tips = []
+    for name, one in samples.items():
+        force = (one.wrench - hand_weight(scenario, closure.arms[name], one.q))[:, :3]
+        tips.append(np.einsum("nij,jk,nk->ni", R, closure.arms[name].X_PE[:3, :3], force))
     f_d = np.array([scenario.squeeze.at(time, grasps)[:, :3] for time in times.tolist()])
     f_d = np.einsum("nij,naj->nai", R, f_d)
     return np.stack(tips, axis=1)[:, :, linear], f_d[:, :, linear], times

@@ -1,4 +1,4 @@
-"""Page of a blame: ranked causes, the arms' views, every estimate with its interval, and the correction."""
+"""Page of a blame: ranked causes, the arms' views, every estimate, and the cell with the errors."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def blame_html(answer: Blame) -> str:
         replay=_replay(answer),
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
         estimates="\n".join([*map(_rows, fits), _other_rows(answer)]),
-        correction=html.escape(answer.corrected().to_toml(commented=True)),
+        errors=html.escape(answer.with_errors().to_toml(commented=True)),
     )
 
 

@@ -185,7 +185,7 @@ def test_the_corrected_cell_has_the_force_of_the_log():
     quiet["network"] = {"clocks": {"right": {"offset": float(causes["right", "clock"][0])}}}
     expected = cp.run(with_causes(scenario, causes).override(quiet), warn=False).data
     corrected = cp.run(
-        answer.corrected().override(quiet | {"cell.payload": cell.cell.payload}), warn=False
+        answer.with_errors().override(quiet | {"cell.payload": cell.cell.payload}), warn=False
     ).data
     off = (expected.internal_wrench - corrected.internal_wrench).sel(arm="left").values[80:, :2]
     uncorrected = (

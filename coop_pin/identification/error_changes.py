@@ -1,4 +1,4 @@
-"""Correction: the changes of a scenario with which its run has the errors that a log shows."""
+"""Errors of a log as changes: those of a scenario with which its run has the errors that a log shows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from coop_pin.identification.views import FRAME_AXES
 from coop_pin.model.cell_arm import CellArm
 
 
-def correction(
+def error_changes(
     scenario: Scenario, values: Mapping[Parameter, float], *, noise: bool = True
 ) -> dict[str, Any]:
     """Return changes by dotted path: errors of the arms' models, zeros of wrists, clocks, load shares.
