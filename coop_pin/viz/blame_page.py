@@ -18,6 +18,10 @@ from coop_pin.viz.page import inside_page, save_page, web_file
 from coop_pin.viz.replay import replay_html
 from coop_pin.viz.report import figure_image
 
+_NO_DESIRED = (
+    " The log has no desired pose: what is seen stands for it, and errors of the path are not known."
+)
+
 
 @typed
 def blame_html(answer: Blame) -> str:
@@ -38,6 +42,7 @@ def blame_html(answer: Blame) -> str:
         text=html.escape(answer.summary()),
         views=figure_image(views_figure(answer), "views of the arms over time"),
         replay=_replay(answer),
+        desired="" if len(answer.record.desired_time) else _NO_DESIRED,
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
         estimates="\n".join([*map(_rows, fits), _other_rows(answer)]),
         errors=html.escape(answer.with_errors().to_toml(commented=True)),
