@@ -19,6 +19,8 @@ _STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
 """Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
 BEYOND = 4.0
 """Prior standard deviations from which on an estimate is doubtful, and no prior tells it from others."""
+_UNSEEN = 0.1
+"""Part of the prior's variance from which on the prior decides an estimate, too."""
 _ALIGNS = 5
 """Most steps of the clocks alone before."""
 _WRITTEN = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "s": (1e3, "ms"), "1": (1e2, "% of its length")}
@@ -304,8 +306,8 @@ class ViewClosure:
     def fit(self) -> Fit:
         """Return the estimate of all parameters: Gauss-Newton steps until it rests.
 
-        The priors of doubtful estimates count as half as wide as these are: they do not tell apart what the
-        log does not.
+        Where one is doubtful that the log does not see, all priors count as wider, so that it is at 2 sds:
+        they do not tell apart what the log does not.
         """
         z, n = self._aligned(), len(self.times)
         for _ in range(_STEPS):
@@ -315,8 +317,8 @@ class ViewClosure:
             if np.abs(step).max() < _RESTS:
                 break
             z = z - step / max(1.0, np.abs(step).max() / _LARGEST)
-        if (far := np.abs(z)).max() > BEYOND:
-            H = np.linalg.inv(A.T @ A + np.diag(np.where(far > BEYOND, 2.0 / far, 1.0) ** 2))
+        if (far := np.abs(z[np.diag(H) > _UNSEEN]).max(initial=0.0)) > BEYOND:
+            H = np.linalg.inv(A.T @ A + np.eye(len(z)) * (2.0 / far) ** 2)
         chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
         return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))
