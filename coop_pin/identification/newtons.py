@@ -25,8 +25,8 @@ from coop_pin.logs.record import Record
 
 _SETTLED = 1.0
 """Time that the law is given at the start before what it leaves counts, s."""
-_SIMULATED, _BOUNDS = 12, ("newtons", "low", "high")
-"""Most causes that are run as a whole, and their fields in newtons."""
+_SIMULATED = 12
+"""Most causes that are run as a whole."""
 _NEAR = 0.02
 """Force near zero, at which intervals are shifted and not scaled, N."""
 _REPEATS = 5.0
@@ -127,10 +127,10 @@ def _simulated(
     sets = [{one: values[one] for one in cause.members} for cause in largest]
     sets.append({one: value for one, value in values.items() if one.part not in ("wrist", "hand")})
     *forces, together = runs.newtons(sets)
-    run = [
-        cause._replace(**dict(zip(_BOUNDS, _scaled(cause[1:4], force), strict=True)))
-        for cause, force in zip(largest, forces, strict=True)
-    ]
+    run = list[Cause]()
+    for cause, force in zip(largest, forces, strict=True):
+        newtons, low, high = _scaled(cause[1:4], force)
+        run.append(cause._replace(newtons=newtons, low=low, high=high))
     rest = [cause for cause in causes if cause not in largest]
     return _scaled(views, together), tuple(sorted([*run, *rest], key=lambda cause: -cause.newtons))
 
