@@ -41,6 +41,7 @@ class Priors(NamedTuple):
         mass: relative error of the payload's mass.
         centre: error of its centre, m.
         inertia: relative error of its inertia.
+        forecast: relative error of a forecast of newtons against a run; of what was seen, 0.1 in 95 %.
     """
 
     tip: tuple[float, float] = (5e-4, 5e-4)
@@ -53,6 +54,7 @@ class Priors(NamedTuple):
     mass: float = 0.1
     centre: float = 1e-2
     inertia: float = 0.3
+    forecast: float = 0.05
 
 
 class Parameter(NamedTuple):

@@ -63,8 +63,8 @@ def newtons(
     try:
         runs = _runs(scenario, parameters, seen, x, prior, record, closure) if reason else None
         made = effects(record, closure, scenario, parameters, seen) if runs is None else runs.effects
-        causes = ranked_causes(made, x, covariance, prior)
-        views = force_interval(made.force[..., :p], x[:p], covariance[:p, :p])
+        causes = ranked_causes(made, x, covariance, prior, priors.forecast)
+        views = force_interval(made.force[..., :p], x[:p], covariance[:p, :p], priors.forecast)
         if runs is not None:
             views, causes = _simulated(runs, views, causes, dict(zip(parameters, x, strict=False)))
     except (TracingError, MissingExtraError) as error:

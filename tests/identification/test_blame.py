@@ -11,7 +11,6 @@ import coop_pin as cp
 from coop_pin.base.errors import ArgumentError
 from coop_pin.base.spatial import pose_error
 from coop_pin.identification import Priors
-from coop_pin.identification import causes as identified_causes
 from coop_pin.identification.law_response import LawResponse, uncovered
 from coop_pin.identification.payload import hand_columns, tip_rotations
 from coop_pin.identification.views import FRAME_AXES, columns, view_of
@@ -268,14 +267,13 @@ def test_a_log_without_a_cell_is_refused_and_a_law_without_a_formula_is_named():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["turning", "adept"])
-def test_95_percent_intervals_cover_in_93_to_97_of_100_draws(kind, monkeypatch):
+def test_95_percent_intervals_cover_in_93_to_97_of_100_draws(kind):
     """Pooled by part, of what is seen; those of newtons pooled over the causes, by the estimates alone. The
     norm of all that the arms see differently is never negative: where it is small, its percentiles lie a
     little high (92 on the planar pair)."""
-    monkeypatch.setattr(identified_causes, "FORECAST_ERROR", 0.0)
     inside, views, causes_inside, scenario = {}, [], [], scenario_of(kind)
     for causes, record, cell in all_logged(scenario, range(100, 200)):
-        answer = cp.blame(record, cell, priors=PRIORS)
+        answer = cp.blame(record, cell, priors=PRIORS._replace(forecast=0.0))
         for fit in (answer.kinematics, answer.payload):
             z = np.abs(fit.x - truth(fit, causes, scenario.cell.payload.mass)) < 1.96 * fit.sd
             for k, one in enumerate(fit.parameters):
