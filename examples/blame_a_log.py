@@ -14,5 +14,5 @@ if __name__ == "__main__":
     print(answer.summary())
     first = answer.causes[0]
     print(f"first: {first.name}, {first.newtons:.2f} N ({first.low:.2f} to {first.high:.2f})")
-    corrected = answer.corrected()  # a scenario for cp.run, with the errors of the log
-    print(corrected.cell.arms["right"].calibration_error.base.xyz)
+    erring = answer.with_errors()  # a scenario for cp.run, with the errors of the log
+    print(erring.cell.arms["right"].calibration_error.base.xyz)

@@ -8,7 +8,6 @@ from coop_pin.compiled.simulate import simulate_batch
 from coop_pin.identification import Priors
 from coop_pin.identification.closure import ViewClosure
 from coop_pin.identification.effects import effects
-from coop_pin.identification.law_response import LawResponse
 from coop_pin.identification.views import FRAME_AXES
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.transmission import friction
@@ -26,10 +25,9 @@ def unit_costs(kind):
     by_drive = effects(
         record,
         ViewClosure(record, arms, PRIORS),
-        LawResponse.of(answer.scenario, np.array(scenario.cell.shares)),
+        answer.scenario,
         [],
         unit,
-        lambda time: scenario.squeeze.at(time, scenario.cell.grasps),
     )
     costs = {}
     for made in (answer.effects, by_drive):

@@ -30,7 +30,7 @@ def blame(
         cell: cell as its user believes it, a TOML file or a name listed by 'coop-pin list'. Omit it for a
             run, whose own cell has its errors.
         link: relative error of the lengths of links that is possible, 2e-4 when omitted.
-        out: folder for the page blame.html and for corrected.toml, the cell that has the errors of the log;
+        out: folder for the page blame.html and for with_errors.toml, the cell that has the errors of the log;
             none of them when omitted.
 
     Raises:
@@ -55,6 +55,6 @@ def blame(
 
         with Working("drawing the page"):
             save_blame(answer, out / "blame.html")
-        answer.corrected().save(out / "corrected.toml", commented=True)
-        print(f"{out / 'blame.html'} and {out / 'corrected.toml'} written")
+        answer.with_errors().save(out / "with_errors.toml", commented=True)
+        print(f"{out / 'blame.html'} and {out / 'with_errors.toml'} written")
     return OK

@@ -21,7 +21,7 @@ class ArmLog(Description):
         wrench: topic of the wrist's wrench (WrenchStamped) in axes and origin of the tip; empty without one.
         wrench_sign: 1 if it is the wrench on the arm by the payload, -1 if that on the payload.
         hand_mass: mass behind the sensor that belongs to the arm, and whose weight is still in the wrench,
-            kg.
+            kg; its error is estimated.
         hand_centre: centre of the hand in axes of the tip, m.
     """
 
@@ -37,7 +37,7 @@ class LogTable(Description):
 
     Attributes:
         arms: topics of every arm.
-        desired: topic of the desired pose of the payload (PoseStamped); the scenario's motion when empty.
+        desired: topic of the desired pose of the payload (PoseStamped), which the replay shows, or empty.
         angle: unit of joint positions and velocities.
         time: unit of the column "time" of a CSV file; stamps of messages are in seconds and nanoseconds.
         free: interval in which the hands were free and at rest, s from the start of the log. Without one, the

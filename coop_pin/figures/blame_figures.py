@@ -59,7 +59,7 @@ def views_figure(answer: Blame) -> Figure:
         for panel, rows, unit in zip(panels, (linear, ~linear), ("mm", "mrad"), strict=True):
             for name, style, r in (
                 ("as logged", palette.INTERNAL, closure.mismatch()),
-                ("corrected", palette.ACTUAL, closure.mismatch(x)),
+                ("without the errors", palette.ACTUAL, closure.mismatch(x)),
             ):
                 panel.plot(closure.times, 1e3 * np.linalg.norm(r[:, rows], axis=1), color=style, label=name)
             label(panel, "views apart", unit)

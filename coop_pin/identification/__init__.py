@@ -6,8 +6,8 @@ of the payload), ``payload`` (its mass and the wrists' zeros), ``causes`` (what 
 - ``friction`` of the drives; ``filtering`` of samples; ``views`` of the payload and their derivatives.
 - ``law_response``: internal force by what the arms see wrong; ``effects``: that of every parameter;
   ``resimulation``: the same by runs, where no formula covers the law; ``newtons`` chooses.
-- ``answer`` has all of it; ``correction`` is the cell with the errors, ``excitation`` the motion that shows
-  more; ``misuse`` tells swapped topics, signs and units.
+- ``answer`` has all of it; ``error_changes`` make the cell with the errors, ``excitation`` the motion that
+  shows more; ``misuse`` tells swapped topics, signs and units.
 
 Imports ``base``, ``compiled``, ``description``, ``logs``, ``model``, ``results`` and ``simulation``.
 """

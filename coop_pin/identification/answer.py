@@ -1,4 +1,4 @@
-"""Answer to who pulls the object apart: estimates, causes, what they leave, and the correction."""
+"""Answer to who pulls the object apart: estimates, causes, what they leave, and the cell with the errors."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ import numpy as np
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause
 from coop_pin.identification.closure import Fit
-from coop_pin.identification.correction import correction
 from coop_pin.identification.effects import Effects, friction_parameters
+from coop_pin.identification.error_changes import error_changes
 from coop_pin.identification.excitation import Excitation
 from coop_pin.identification.friction import DriveFriction
+from coop_pin.identification.payload import HAND_AXES
 from coop_pin.logs.record import Record
 from coop_pin.results.finding import Findings
 
 _FLOOR = 0.02
 """Forces below it are left out of the summary, N."""
+_SUM = 0.5
+"""Part of a mass's interval below which that of a sum tells that only the sum is seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,7 @@ class Blame:
     uncovered: str = ""
 
     @property
-    def correction(self) -> dict[str, Any]:
+    def errors(self) -> dict[str, Any]:
         """Changes of the scenario with which a run has the errors of the log, by dotted path.
 
         What the log does not tell apart has the likeliest values: their sum counts. Load shares are those of
@@ -74,11 +77,11 @@ class Blame:
         }
         if self.share in self.causes and self.share is not None:
             values |= dict(zip(self.share.members, self.share.sizes, strict=True))
-        return correction(self.scenario, values) if values else {}
+        return error_changes(self.scenario, values) if values else {}
 
-    def corrected(self) -> Scenario:
+    def with_errors(self) -> Scenario:
         """Return the scenario whose arms have the errors of the log, for ``cp.run``."""
-        return self.scenario.override(self.correction)
+        return self.scenario.override(self.errors)
 
     def summary(self) -> str:
         """Return the answer as text: findings, causes by newtons, what is not told apart, and trust."""
@@ -89,10 +92,7 @@ class Blame:
             f"views of the arms: chi {self.kinematics.chi:.2f} with tips, bases, joints and clocks fitted"
         )
         if self.payload is not None:
-            mass = self.payload.x[0] + self.scenario.cell.payload.mass
-            lines.append(
-                f"payload {mass:.3f} kg +- {1.96 * self.payload.sd[0]:.3f}; chi {self.payload.chi:.2f}"
-            )
+            lines.append(self._masses(self.payload))
         if self.uncovered:
             lines.append(f"newtons are not known: {self.uncovered}")
         else:
@@ -112,13 +112,23 @@ class Blame:
                 lines.append(f"to see more: {self.excitation}")
         return "\n".join(lines)
 
+    def _masses(self, fit: Fit) -> str:
+        """Return the masses of payload and hands as text, and their sum where the log shows it alone."""
+        mass, sd = fit.x[0] + self.scenario.cell.payload.mass, 1.96 * fit.sd
+        hands = [k for k, one in enumerate(fit.parameters) if one.axis == HAND_AXES[0]]
+        words = "".join(f"; {fit.parameters[k]} {fit.x[k]:+.3f} kg +- {sd[k]:.3f}" for k in hands)
+        both = np.ix_([0, *hands], [0, *hands])
+        if hands and (of_sum := 1.96 * float(np.sqrt(fit.covariance[both].sum()))) < _SUM * sd[0]:
+            words += f": not told apart, their sum to +- {of_sum:.3f}"
+        return f"payload {mass:.3f} kg +- {sd[0]:.3f}{words}; chi {fit.chi:.2f}"
+
     def _words(self, cause: Cause) -> str:
         """Return the size of a cause and what the log says of it, as text."""
         if not cause.is_seen:
             return (
                 f"; the log does not see {'it, its prior does' if cause.is_one else 'them, their priors do'}"
             )
-        if cause.low <= _FLOOR or cause.newtons < cause.low:  # a norm is never negative
+        if cause.low <= _FLOOR:
             return "; not different from zero"
         drives = zip(friction_parameters(self.friction), self.friction, strict=True)
         size = cause.size or " or ".join(str(one) for drive, one in drives if drive in cause.members)

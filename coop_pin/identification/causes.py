@@ -21,6 +21,8 @@ _SEEN = 0.9
 _DRAWS = 400
 _LEVELS = (2.5, 97.5)
 """Percentiles of an interval."""
+Newtons = tuple[float, float, float]
+"""Force at the estimate and the ends of its interval, N."""
 
 
 class Cause(NamedTuple):
@@ -97,7 +99,9 @@ def _axes(axes: list[str]) -> str:
     return f" {', '.join(named)}" if 0 < len(named) < 6 else ""
 
 
-def ranked_causes(effects: Effects, x: Array, covariance: Array, prior: Array) -> tuple[Cause, ...]:
+def ranked_causes(
+    effects: Effects, x: Array, covariance: Array, prior: Array, error: float
+) -> tuple[Cause, ...]:
     """Return causes by their force, the largest first.
 
     Two sets of parameters are one cause where their forces share more than a quarter of their variances. If
@@ -108,6 +112,7 @@ def ranked_causes(effects: Effects, x: Array, covariance: Array, prior: Array) -
         x: estimates, shape (p,).
         covariance: covariance of the estimates, shape (p, p).
         prior: their standard deviations before, shape (p,).
+        error: standard deviation of a forecast of newtons, as a part of them.
     """
     columns = effects.force.reshape(-1, len(x))
     gram = columns.T @ columns / (effects.force.shape[0] * effects.force.shape[1])
@@ -128,27 +133,51 @@ def ranked_causes(effects: Effects, x: Array, covariance: Array, prior: Array) -
         V[:, i] += V[:, j]
         V = np.delete(np.delete(V, j, axis=0), j, axis=1)
         sets[i] += sets.pop(j)
-    causes = [_cause(effects, gram, sorted(one), x, covariance, prior) for one in sets]
+    causes = [_cause(effects, gram, sorted(one), x, covariance, prior, error) for one in sets]
     return tuple(sorted(causes, key=lambda cause: -cause.newtons))
 
 
-def force_interval(force: Array, x: Array, covariance: Array) -> tuple[float, float, float]:
-    """Return the mean norm of a force at the estimate, and the percentiles of it by the covariance, N.
+def force_interval(force: Array, x: Array, covariance: Array, error: float) -> Newtons:
+    """Return the mean norm of a force at the estimate, and the ends of its interval, N.
+
+    Percentiles by the covariance, widened by the error of the forecast.
 
     Args:
         force: force on each arm by parameter, shape (n, m, rows, p).
         x: estimates, shape (p,).
         covariance: covariance of the estimates, shape (p, p).
+        error: standard deviation of the forecast, as a part of the force.
     """
     draws = np.random.default_rng(0).multivariate_normal(x, covariance, _DRAWS, method="eigh")
     forces = np.tensordot(force, np.vstack((x, draws)).T, 1)
     norms = np.linalg.norm(forces, axis=2).max(axis=1).mean(axis=0)
     low, high = np.percentile(norms[1:], _LEVELS)
-    return float(norms[0]), float(low), float(high)
+    return widened((float(norms[0]), float(low), float(high)), error)
+
+
+def widened(newtons: Newtons, error: float) -> Newtons:
+    """Return a force and its interval with an error of the forecast beside that of the estimates.
+
+    A norm is never negative: where most draws are larger than the estimate, the interval begins at zero.
+
+    Args:
+        newtons: force at the estimate and its interval, N.
+        error: standard deviation as a part of the force.
+    """
+    force, low, high = newtons
+    half = 1.96 * error * force
+    least = 0.0 if low > force else max(force - float(np.hypot(force - low, half)), 0.0)
+    return force, least, force + float(np.hypot(max(high - force, 0.0), half))
 
 
 def _cause(
-    effects: Effects, gram: Array, members: list[int], x: Array, covariance: Array, prior: Array
+    effects: Effects,
+    gram: Array,
+    members: list[int],
+    x: Array,
+    covariance: Array,
+    prior: Array,
+    error: float,
 ) -> Cause:
     """Return the cause of some parameters, each alone with the size whose force is nearest to that of all."""
     x, covariance, gram = x[members], covariance[np.ix_(members, members)], gram[np.ix_(members, members)]
@@ -156,5 +185,5 @@ def _cause(
     makes_it = along**2 >= _ALONE * squares * (x @ along)
     sizes = np.where(makes_it, along / squares, np.nan)
     seen = 1.0 - (gram * covariance).sum() / max(float(squares @ prior[members] ** 2), 1e-30)
-    interval = force_interval(effects.force[..., members], x, covariance)
+    interval = force_interval(effects.force[..., members], x, covariance, error)
     return Cause(tuple(effects.parameters[k] for k in members), *interval, tuple(sizes.tolist()), float(seen))

@@ -17,6 +17,10 @@ from coop_pin.model.cell_arm import CellArm
 
 _STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
 """Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
+BEYOND = 4.0
+"""Prior standard deviations from which on an estimate is doubtful, and no prior tells it from others."""
+_UNSEEN = 0.1
+"""Part of the prior's variance from which on the prior decides an estimate, too."""
 _ALIGNS = 5
 """Most steps of the clocks alone before."""
 _WRITTEN = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "s": (1e3, "ms"), "1": (1e2, "% of its length")}
@@ -33,9 +37,11 @@ class Priors(NamedTuple):
         link: relative error of a link's length. No residual shows 0.02 % of a link.
         clock: offset of a clock against that of the first arm, s.
         wrist: zero of a wrist's force and moment, N and N m.
+        hand: mass and centre of a hand whose weight is in the wrench of its wrist, kg and m.
         mass: relative error of the payload's mass.
         centre: error of its centre, m.
         inertia: relative error of its inertia.
+        forecast: relative error of a forecast of newtons against a run; of what was seen, 0.1 in 95 %.
     """
 
     tip: tuple[float, float] = (5e-4, 5e-4)
@@ -44,9 +50,11 @@ class Priors(NamedTuple):
     link: float = 2e-4
     clock: float = 1e-2
     wrist: tuple[float, float] = (2.0, 0.2)
+    hand: tuple[float, float] = (0.05, 1e-2)
     mass: float = 0.1
     centre: float = 1e-2
     inertia: float = 0.3
+    forecast: float = 0.05
 
 
 class Parameter(NamedTuple):
@@ -54,7 +62,7 @@ class Parameter(NamedTuple):
 
     Attributes:
         arm: name of the arm; empty for the payload.
-        part: "tip", "base", "joint", "link", "clock", "wrist" or a part of the payload.
+        part: "tip", "base", "joint", "link", "clock", "wrist", "hand" or a part of the payload.
         axis: axis, or name of the joint.
         unit: unit of its value.
     """
@@ -298,7 +306,11 @@ class ViewClosure:
         return z
 
     def fit(self) -> Fit:
-        """Return the estimate of all parameters: Gauss-Newton steps until it rests."""
+        """Return the estimate of all parameters: Gauss-Newton steps until it rests.
+
+        Where one is doubtful that the log does not see, all priors count as wider, so that it is at 2 sds:
+        they do not tell apart what the log does not.
+        """
         z, n = self._aligned(), len(self.times)
         for _ in range(_STEPS):
             residual, A = self._whitened(z)
@@ -307,6 +319,8 @@ class ViewClosure:
             if np.abs(step).max() < _RESTS:
                 break
             z = z - step / max(1.0, np.abs(step).max() / _LARGEST)
+        if (far := np.abs(z[np.diag(H) > _UNSEEN]).max(initial=0.0)) > BEYOND:
+            H = np.linalg.inv(A.T @ A + np.eye(len(z)) * (2.0 / far) ** 2)
         chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
         return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))

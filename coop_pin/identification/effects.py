@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.base.arrays import Array
+from coop_pin.description.scenario import Scenario
 from coop_pin.identification.closure import Parameter, ViewClosure
 from coop_pin.identification.friction import WIDTH, DriveFriction
 from coop_pin.identification.law_response import LawResponse
+from coop_pin.identification.payload import HAND_AXES, hand_columns
 from coop_pin.identification.views import FRAME_AXES, View, columns
 from coop_pin.logs.record import Record
 from coop_pin.model.cell_arm import CellArm
@@ -41,21 +43,20 @@ class Effects(NamedTuple):
 def effects(
     record: Record,
     closure: ViewClosure,
-    response: LawResponse,
+    scenario: Scenario,
     parameters: Sequence[Parameter],
     friction: Sequence[DriveFriction],
-    squeeze: Callable[[float], Array],
 ) -> Effects:
     """Return the forces of unit errors, linear about the record.
 
     Args:
         record: record of the arms.
         closure: views of the arms.
-        response: law that ran.
-        parameters: parameters of kinematics and wrists.
+        scenario: cell, and the law that ran, of which ``uncovered`` knows nothing.
+        parameters: parameters of kinematics, wrists and hands.
         friction: friction of drives; its columns follow those of the parameters, one each.
-        squeeze: f_d of all arms in payload axes by the time, N and N m, shape (m, 6).
     """
+    response, gravity = LawResponse.of(scenario), np.array(scenario.cell.gravity)
     times = np.linspace(*record.held_span, _TIMES)
     rows, arms = list(closure.rows.indices), closure.arms
     views = {name: closure.view(name, times) for name in arms}
@@ -65,15 +66,19 @@ def effects(
     for number, (name, arm) in enumerate(arms.items()):
         of_arm = _columns(views[name], arm, times)[:, rows]
         at_P = _wrenches_at_payload(first, arm)[:, rows]
+        by_hand = at_P @ hand_columns(views[name].pose[:, :3, :3] @ arm.X_PE[:3, :3], gravity)
         for k, one in enumerate(parameters):
             if one.arm == name and one.part == "wrist":
                 wrist[:, number, :, k] = at_P[:, :, FRAME_AXES.index(one.axis)]
+            elif one.arm == name and one.part == "hand":
+                wrist[:, number, :, k] = by_hand[:, :, HAND_AXES.index(one.axis)]
             elif one.arm == name:
                 bias[:, number, :, k] = of_arm[:, :, _column(one, arm)]
         for k, drive_friction in enumerate(friction, len(parameters)):
             if drive_friction.arm == name:
                 torque[:, number, :, k] = _friction_wrench(closure, name, views[name], times, drive_friction)
-    Q, f_d = _turns(first, rows), np.array([squeeze(time) for time in times.tolist()])[:, :, rows]
+    squeeze = [scenario.squeeze.at(time, scenario.cell.grasps) for time in times.tolist()]
+    Q, f_d = _turns(first, rows), np.array(squeeze)[:, :, rows]
     turned = _turned_squeeze(bias, np.einsum("nij,naj->nai", Q, f_d), rows)
     phi = response.wrenches(times, Q, bias, wrist - turned, torque + turned)
     c = response.shares[:, None, None]

@@ -50,12 +50,11 @@ class LawResponse(NamedTuple):
     is_zeroed: bool
 
     @classmethod
-    def of(cls, scenario: Scenario, shares: Array) -> LawResponse:
+    def of(cls, scenario: Scenario) -> LawResponse:
         """Return the response of a scenario's law.
 
         Args:
             scenario: scenario that ``uncovered`` knows nothing against.
-            shares: load shares that the law runs with, shape (m,).
         """
         law: Any = scenario.controller
         name, arm = next(iter(scenario.cell.arms.items()))
@@ -72,7 +71,7 @@ class LawResponse(NamedTuple):
             beta=law.measures * one.integral.gain / (every * scenario.clock.period),
             leak=(not law.measures) * one.integral.leak,
             kappa=gains.transient_rate,
-            shares=shares,
+            shares=np.array(scenario.cell.shares),
             turns=one.axes.turns,
             is_zeroed=law.near_rest.is_zeroed,
         )

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Fit, Priors, ViewClosure
+from coop_pin.identification.closure import BEYOND, Fit, Priors, ViewClosure
 from coop_pin.identification.filtering import MARGIN, Filtered
 from coop_pin.identification.payload import payload_fit
 from coop_pin.logs.record import Record
@@ -19,8 +19,6 @@ _APART_M, _APART_RAD = 0.05, 0.15
 """Mismatch of the views beyond which no error of a calibrated arm explains it."""
 _CHI = 2.0
 """chi of the wrenches from which on other readings of them are tried."""
-_BEYOND = 4.0
-"""Prior standard deviations from which on an estimate is doubtful."""
 
 
 def kinematic_findings(closure: ViewClosure, record: Record) -> Iterator[Finding]:
@@ -94,7 +92,11 @@ def wrench_findings(
     strain, arms = _strain(fit), closure.arms
     if strain < _CHI:
         return
-    best, hint, remedy = strain, "check signs, topics, tips and the payload's mass", dict[str, int]()
+    best, hint, remedy = (
+        strain,
+        "check signs, topics, tips, the payload's mass and the weights of hands",
+        dict[str, int](),
+    )
     for order in itertools.permutations(arms):
         for signs in itertools.product((1.0, -1.0), repeat=len(arms)):
             read = {
@@ -149,10 +151,10 @@ def prior_findings(kinematics: Fit, payload: Fit | None) -> Iterator[Finding]:
                 yield Finding("log", f"{arm} clock", "error", sentence, late, MARGIN)
         far = np.abs(fit.x) / fit.prior
         worst = int(far.argmax())
-        if far[worst] > _BEYOND:
+        if far[worst] > BEYOND:
             one = fit.parameters[worst]
             sentence = (
                 f"{one} would be {one.valued(fit.x[worst])}, {far[worst]:.1f} times its prior: state a"
-                " larger prior, or the cell is another one (bases, grasps, payload)"
+                " larger prior, or the cell is another one (bases, grasps, payload, hands)"
             )
-            yield Finding("log", str(one), "warning", sentence, float(far[worst]), _BEYOND)
+            yield Finding("log", str(one), "warning", sentence, float(far[worst]), BEYOND)

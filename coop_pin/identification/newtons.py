@@ -11,21 +11,24 @@ from scipy.linalg import block_diag
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import MissingExtraError, TracingError
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.causes import Cause, force_interval, ranked_causes
+from coop_pin.identification.causes import Cause, Newtons, force_interval, ranked_causes
 from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
 from coop_pin.identification.effects import Effects, effects
 from coop_pin.identification.excitation import best_excitation
 from coop_pin.identification.filtering import Filtered
 from coop_pin.identification.friction import DriveFriction
-from coop_pin.identification.law_response import LawResponse, uncovered
+from coop_pin.identification.law_response import uncovered
+from coop_pin.identification.payload import hand_weight
 from coop_pin.identification.resimulation import CauseRuns
 from coop_pin.identification.views import FRAME_AXES
 from coop_pin.logs.record import Record
 
 _SETTLED = 1.0
 """Time that the law is given at the start before what it leaves counts, s."""
-_SIMULATED, _BOUNDS = 12, ("newtons", "low", "high")
-"""Most causes that are run as a whole, and their fields in newtons."""
+_SIMULATED = 12
+"""Most causes that are run as a whole."""
+_NEAR = 0.02
+"""Force near zero, at which intervals are shifted and not scaled, N."""
 _REPEATS = 5.0
 """Samples after which what is left of a reading is taken to be independent."""
 
@@ -58,10 +61,10 @@ def newtons(
     parameters, x, covariance, prior = _estimates(closure, kinematics, payload, seen)
     reason, p = uncovered(scenario), len(kinematics.x)
     try:
-        runs = _runs(scenario, parameters, seen, x, covariance, record, closure) if reason else None
-        made = _by_formula(scenario, parameters, seen, record, closure) if runs is None else runs.effects
-        causes = ranked_causes(made, x, covariance, prior)
-        views = force_interval(made.force[..., :p], x[:p], covariance[:p, :p])
+        runs = _runs(scenario, parameters, seen, x, prior, record, closure) if reason else None
+        made = effects(record, closure, scenario, parameters, seen) if runs is None else runs.effects
+        causes = ranked_causes(made, x, covariance, prior, priors.forecast)
+        views = force_interval(made.force[..., :p], x[:p], covariance[:p, :p], priors.forecast)
         if runs is not None:
             views, causes = _simulated(runs, views, causes, dict(zip(parameters, x, strict=False)))
     except (TracingError, MissingExtraError) as error:
@@ -83,7 +86,9 @@ def _estimates(
     axes = {FRAME_AXES[k] for k in closure.rows.indices}
     fits = [(kinematics, [*range(len(kinematics.x))])]
     if payload is not None:
-        is_wrist = [one.part == "wrist" and one.axis in axes for one in payload.parameters]
+        is_wrist = [
+            one.part == "hand" or (one.part == "wrist" and one.axis in axes) for one in payload.parameters
+        ]
         fits.append((payload, [*np.flatnonzero(is_wrist)]))
     # of friction a factor of what was found is a parameter
     factors = [min(one.sd[1] / max(abs(one.coulomb), 1e-9), 1.0) ** 2 for one in friction]
@@ -93,57 +98,48 @@ def _estimates(
     return [fit.parameters[k] for fit, kept in fits for k in kept], x, covariance[: len(x), : len(x)], prior
 
 
-def _by_formula(
-    scenario: Scenario,
-    parameters: Sequence[Parameter],
-    friction: Sequence[DriveFriction],
-    record: Record,
-    closure: ViewClosure,
-) -> Effects:
-    grasps = scenario.cell.grasps
-    response = LawResponse.of(scenario, np.array(scenario.cell.shares))
-    return effects(record, closure, response, parameters, friction, lambda t: scenario.squeeze.at(t, grasps))
-
-
 def _runs(
     scenario: Scenario,
     parameters: Sequence[Parameter],
     friction: Sequence[DriveFriction],
     x: Array,
-    covariance: Array,
+    prior: Array,
     record: Record,
     closure: ViewClosure,
 ) -> CauseRuns:
-    p, sd, first = len(parameters), np.sqrt(np.diag(covariance)), next(iter(closure.arms))
+    p, first = len(parameters), next(iter(closure.arms))
     start, end = record.held_span
 
     def seen(times: Array) -> Array:
         return closure.view(first, np.clip(times, start, end)).pose[:, :3, 3]
 
-    return CauseRuns(scenario, parameters, friction, x[:p], sd[:p], start, seen)
+    return CauseRuns(scenario, parameters, friction, x[:p], prior[:p], start, seen)
 
 
 def _simulated(
     runs: CauseRuns,
-    views: tuple[float, float, float],
+    views: Newtons,
     causes: Sequence[Cause],
     values: Mapping[Parameter, float],
-) -> tuple[tuple[float, float, float], tuple[Cause, ...]]:
+) -> tuple[Newtons, tuple[Cause, ...]]:
     """Return all that is seen differently and the causes by runs of each; intervals grow with them."""
     largest = [one for one in causes if one.members[0].part != "friction"][:_SIMULATED]
     sets = [{one: values[one] for one in cause.members} for cause in largest]
-    sets.append({one: value for one, value in values.items() if one.part != "wrist"})
+    sets.append({one: value for one, value in values.items() if one.part not in ("wrist", "hand")})
     *forces, together = runs.newtons(sets)
-    factors = {
-        id(cause): force / max(cause.newtons, 1e-12) for cause, force in zip(largest, forces, strict=True)
-    }
-    scaled = [
-        cause._replace(**{part: factors.get(id(cause), 1.0) * getattr(cause, part) for part in _BOUNDS})
-        for cause in causes
-    ]
-    factor = together / max(views[0], 1e-12)
-    low, high = factor * views[1], factor * views[2]
-    return (together, low, high), tuple(sorted(scaled, key=lambda cause: -cause.newtons))
+    run = list[Cause]()
+    for cause, force in zip(largest, forces, strict=True):
+        newtons, low, high = _scaled(cause[1:4], force)
+        run.append(cause._replace(newtons=newtons, low=low, high=high))
+    rest = [cause for cause in causes if cause not in largest]
+    return _scaled(views, together), tuple(sorted([*run, *rest], key=lambda cause: -cause.newtons))
+
+
+def _scaled(forecast: Newtons, force: float) -> Newtons:
+    """Return the force of a run with the interval of its forecast: shifted near zero, else in proportion."""
+    factor = (force + _NEAR) / (forecast[0] + _NEAR)
+    low, high = (max(factor * (end + _NEAR) - _NEAR, 0.0) for end in forecast[1:])
+    return force, low, high
 
 
 def _left(
@@ -163,11 +159,11 @@ def _left(
     force, f_d, times = _read(scenario, closure, samples)
     total = force.sum(axis=1, keepdims=True)
     stated = np.array(scenario.cell.shares)
-    read = force - stated[:, None] * total - f_d
+    internal = force - stated[:, None] * total
     at = np.clip(np.searchsorted(made.times, times), 0, len(made.times) - 1)
-    f_d = f_d if made.without is None else made.without[at]
-    reading = made.reading[at]
-    left, settled = read - reading @ x, times > times[0] + _SETTLED
+    reading, read = made.reading[at], internal - f_d
+    left = internal - (f_d if made.without is None else made.without[at]) - reading @ x
+    settled = times > times[0] + _SETTLED
     left, total, reading, read = left[settled], total[settled][:, 0], reading[settled], read[settled]
     weight = total / max(float((total**2).sum()), 1e-12)
     shares = np.einsum("nk,nik->i", weight, left)
@@ -189,14 +185,14 @@ def _left(
 def _read(
     scenario: Scenario, closure: ViewClosure, samples: Mapping[str, Filtered]
 ) -> tuple[Array, Array, Array]:
-    """Return the force that every wrist reads and the desired squeeze, world axes, and their times."""
+    """Return the force that every wrist reads without its hand, the squeeze, world axes, and their times."""
     linear, grasps = [k for k in closure.rows.indices if k < 3], scenario.cell.grasps
     times = next(iter(samples.values())).time
     R = closure.view(next(iter(closure.arms)), times).pose[:, :3, :3]
-    tips = [
-        np.einsum("nij,jk,nk->ni", R, closure.arms[name].X_PE[:3, :3], one.wrench[:, :3])
-        for name, one in samples.items()
-    ]
+    tips = []
+    for name, one in samples.items():
+        force = (one.wrench - hand_weight(scenario, closure.arms[name], one.q))[:, :3]
+        tips.append(np.einsum("nij,jk,nk->ni", R, closure.arms[name].X_PE[:3, :3], force))
     f_d = np.array([scenario.squeeze.at(time, grasps)[:, :3] for time in times.tolist()])
     f_d = np.einsum("nij,naj->nai", R, f_d)
     return np.stack(tips, axis=1)[:, :, linear], f_d[:, :, linear], times

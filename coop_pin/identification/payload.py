@@ -1,4 +1,4 @@
-"""Payload and wrists: mass, centre and inertia, and the zeros of the wrists, from the sum of the wrenches."""
+"""Payload and wrists: the payload, zeros of the wrists and weights of hands, from the sum of the wrenches."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ _PAYLOAD = (
     *(("inertia", axes, "kg m^2") for axes in ("xx", "xy", "yy", "xz", "yz", "zz")),
 )
 
+HAND_AXES = ("mass", "moment x", "moment y", "moment z")
+"""Parameters of a hand: its mass and its first moments in axes of the tip."""
+
 
 def payload_fit(
     record: Record,
@@ -30,11 +33,12 @@ def payload_fit(
     samples: Mapping[str, Filtered],
     priors: Priors,
 ) -> Fit:
-    """Return the estimate of the payload and of the wrists' zeros.
+    """Return the estimate of the payload, of the wrists' zeros, and of hands whose weight is in a wrench.
 
-    In payload axes about P, with the parameters pi of the body, the zeros w_i and the wrenches F_i that the
-    wrists read, ``-sum_i X_i (F_i - w_i) = Y(a - g, omega, omega') pi``. An interval in which the hands were
-    free gives each w_i by itself; else the sum of the forces says nothing of a squeeze of zeros that cancel.
+    In payload axes about P, with the parameters pi of the body, the zeros w_i, hands h_i and the wrenches F_i
+    that the wrists read, ``-sum_i X_i (F_i - w_i - G_i h_i) = Y(a - g, omega, omega') pi``. An interval in
+    which the hands were free gives each ``w_i + G_i h_i`` by itself; else the sum of the forces says nothing
+    of a squeeze of zeros that cancel.
     A view that is tilted by an angle theta has the weight off by ``m R^T (g x theta)``: what the kinematics
     leave open of it is marginalised.
 
@@ -54,6 +58,14 @@ def payload_fit(
         parameters += [
             Parameter(name, "wrist", axis, "N" if k < 3 else "N m") for k, axis in enumerate(FRAME_AXES)
         ]
+    sds_of_hands = list[float]()
+    for name, hand in _stated_hands(scenario).items():
+        units = ("kg", *("kg m",) * 3)
+        parameters += [
+            Parameter(name, "hand", axis, unit) for axis, unit in zip(HAND_AXES, units, strict=True)
+        ]
+        moments = np.hypot(priors.hand[1] * hand[0], priors.hand[0] * np.abs(hand[1:] / hand[0]))
+        sds_of_hands += [priors.hand[0], *moments]
     inertia = np.diag(payload.inertia_matrix)
     mean = pin.Inertia(payload.mass, np.zeros(3), np.array(payload.inertia_matrix)).toDynamicParameters()
     sds = [
@@ -62,15 +74,21 @@ def payload_fit(
         *[priors.inertia * inertia.max()] * 6,
     ]
     count = len(parameters)  # beyond them what the kinematics leave open, in sds
-    prior = np.array([*sds, *[*np.repeat(priors.wrist, 3)] * len(names), *np.ones(len(kinematics.x))])
+    sds += [*[*np.repeat(priors.wrist, 3)] * len(names), *sds_of_hands]
+    prior = np.array([*sds, *np.ones(len(kinematics.x))])
     first, X = samples[names[0]], [pin.SE3(arm.X_PE).toDualActionMatrix() for arm in arms.values()]
-    Y = _regressors(arms[names[0]], first, np.array(scenario.cell.gravity))
+    gravity = np.array(scenario.cell.gravity)
+    Y = _regressors(arms[names[0]], first, gravity)
     wrenches = [samples[name].wrench - hand_weight(scenario, arms[name], samples[name].q) for name in names]
     total = -sum((W @ F.T).T for W, F in zip(X, wrenches, strict=True))
-    by_tilt = payload.mass * _by_tilt(closure, first.time, np.array(scenario.cell.gravity))
+    by_tilt = payload.mass * _by_tilt(closure, first.time, gravity)
     spread = kinematics.spread
     wrists = (np.broadcast_to(-W, (len(Y), 6, 6)) for W in X)
-    A = np.concatenate((Y, *wrists, by_tilt @ spread), axis=2)[:, rows]
+    hands = (
+        -X[names.index(name)] @ hand_columns(tip_rotations(arms[name], samples[name].q), gravity)
+        for name in _stated_hands(scenario)
+    )
+    A = np.concatenate((Y, *wrists, *hands, by_tilt @ spread), axis=2)[:, rows]
     b = (total - Y @ mean - by_tilt @ kinematics.x)[:, rows]
     C = sum(W @ np.diag(samples[name].noise ** 2) @ W.T for name, W in zip(names, X, strict=True))
     step = max(float(np.median(np.diff(record.arms[name].wrench_time))) for name in names)
@@ -78,11 +96,11 @@ def payload_fit(
     whiten = np.linalg.inv(np.linalg.cholesky(C[np.ix_(rows, rows)]))
     A, b = whiten @ A, b @ whiten.T
     normal, right = np.einsum("nij,nik->jk", A, A), np.einsum("nij,ni->j", A, b)
-    for k, name in enumerate(names):
-        at = slice(10 + 6 * k, 16 + 6 * k)
-        zero, weight = _free_hand(record, scenario, arms[name], name)
-        normal[at, at] += np.diag(weight)
-        right[at] += weight * zero
+    for name in names:
+        at = [k for k, one in enumerate(parameters) if one.arm == name]
+        zero, weight, J = _free_hand(record, scenario, arms[name])
+        normal[np.ix_(at, at)] += J[:, : len(at)].T @ (weight[:, None] * J[:, : len(at)])
+        right[at] += J[:, : len(at)].T @ (weight * zero)
     H = np.linalg.inv(normal * np.outer(prior, prior) + np.eye(len(prior)))
     x = prior * (H @ (prior * right))
     residual = b - A @ x
@@ -115,27 +133,57 @@ def _regressors(arm: CellArm, samples: Filtered, gravity: Array) -> Array:
     return Y
 
 
-def hand_weight(scenario: Scenario, arm: CellArm, position: Array) -> Array:
-    """Return the weight of the hand behind a wrist in axes of the tip, shape (n, 6)."""
-    stated = None if scenario.log is None else scenario.log.arms[arm.name]
-    if stated is None or not stated.hand_mass:
+def tip_rotations(arm: CellArm, position: Array) -> Array:
+    """Return the rotations of an arm's tip at joint positions, shape (n, 3, 3)."""
+    return np.array([arm.tip_pose(arm.configuration(q))[:3, :3] for q in position])
+
+
+def hand_columns(rotations: Array, gravity: Array) -> Array:
+    """Return what a unit of each parameter of a hand weighs on its wrist, in axes of the tip, (n, 6, 4).
+
+    Args:
+        rotations: rotations of the tip, shape (n, 3, 3).
+        gravity: m/s^2, world axes, shape (3,).
+    """
+    down = np.einsum("nji,j->ni", rotations, gravity)
+    G = np.zeros((len(down), 6, 4))
+    G[:, :3, 0] = down
+    G[:, 3:, 1:] = np.cross(np.eye(3), down[:, None]).swapaxes(1, 2)
+    return G
+
+
+def _stated_hands(scenario: Scenario) -> dict[str, Array]:
+    """Return mass and first moments of the hands whose weight is in the wrench of their wrist, by arm."""
+    arms = {} if scenario.log is None else scenario.log.arms
+    return {
+        name: one.hand_mass * np.array((1.0, *one.hand_centre)) for name, one in arms.items() if one.hand_mass
+    }
+
+
+def hand_weight(scenario: Scenario, arm: CellArm, position: Array, fit: Fit | None = None) -> Array:
+    """Return the weight of the hand behind a wrist in axes of the tip, as stated or found, shape (n, 6)."""
+    hand = _stated_hands(scenario).get(arm.name)
+    if hand is None:
         return np.zeros((len(position), 6))
-    R = np.array([arm.tip_pose(arm.configuration(q))[:3, :3] for q in position])
-    # the wrench on the arm by what hangs on the sensor
-    force = stated.hand_mass * np.einsum("nji,j->ni", R, np.array(scenario.cell.gravity))
-    return np.hstack((force, np.cross(np.array(stated.hand_centre), force)))
+    if fit is not None:
+        hand = hand + fit.x[fit.of(arm.name, "hand")]
+    return np.asarray(hand_columns(tip_rotations(arm, position), np.array(scenario.cell.gravity)) @ hand)
 
 
-def _free_hand(record: Record, scenario: Scenario, arm: CellArm, name: str) -> tuple[Array, Array]:
-    """Return the zero of a wrist while the hands were free, and its weight 1 / sd^2, shapes (6,)."""
-    samples = record.arms[name]
+def _free_hand(record: Record, scenario: Scenario, arm: CellArm) -> tuple[Array, Array, Array]:
+    """Return what a wrist reads of free hands beyond their stated weight, what is known of it, and of what.
+
+    Returns:
+        Reading, 1 / sd^2 and the columns of zero and hand, shapes (6,), (6,) and (6, 10).
+    """
+    samples, J = record.arms[arm.name], np.eye(6, 10)
     if record.free is None:
-        return np.zeros(6), np.zeros(6)
+        return np.zeros(6), np.zeros(6), J
     start, end = record.free
     is_free = (samples.wrench_time >= start) & (samples.wrench_time < end)
     if is_free.sum() < 2:
-        return np.zeros(6), np.zeros(6)
-    middle = int(np.searchsorted(samples.time, (start + end) / 2.0))
-    wrench = samples.wrench[is_free] - hand_weight(scenario, arm, samples.position[middle][None])
-    variance = np.maximum(wrench.var(axis=0), 1e-12) / is_free.sum()
-    return wrench.mean(axis=0), 1.0 / variance
+        return np.zeros(6), np.zeros(6), J
+    at = samples.position[int(np.searchsorted(samples.time, (start + end) / 2.0))][None]
+    J[:, 6:] = hand_columns(tip_rotations(arm, at), np.array(scenario.cell.gravity))[0]
+    wrench = samples.wrench[is_free] - hand_weight(scenario, arm, at)
+    return wrench.mean(axis=0), is_free.sum() / np.maximum(wrench.var(axis=0), 1e-12), J

@@ -12,8 +12,8 @@ from coop_pin.base.errors import TracingError
 from coop_pin.compiled.simulate import simulate_batch
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.closure import Parameter
-from coop_pin.identification.correction import correction
 from coop_pin.identification.effects import Effects, friction_parameters
+from coop_pin.identification.error_changes import error_changes
 from coop_pin.identification.friction import DriveFriction
 from coop_pin.model.transmission import friction as stated_friction
 from coop_pin.results.run_result import RunResult
@@ -29,9 +29,9 @@ class CauseRuns:
 
     Attributes:
         times: times of the log, s, shape (n,).
-        effects: forces by single parameters: quotients by the size of each, its estimate or its standard
-            deviation where that is larger, exact there and linear around it. Of a drive's friction a tenth is
-            taken away, since a cell without any may not be stable.
+        effects: forces by single parameters: quotients by the size of each, its estimate or its prior where
+            that is larger, since laws that switch do not answer in proportion. Of a drive's friction a tenth
+            is taken away, since a cell without any may not be stable.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class CauseRuns:
         parameters: Sequence[Parameter],
         friction: Sequence[DriveFriction],
         x: Array,
-        sd: Array,
+        prior: Array,
         start: float,
         seen: Callable[[Array], Array],
     ) -> None:
@@ -51,7 +51,7 @@ class CauseRuns:
             parameters: parameters of kinematics and wrists.
             friction: friction of drives; its columns follow those of the parameters, one each.
             x: estimates of the parameters, shape (p,).
-            sd: their standard deviations, shape (p,).
+            prior: their standard deviations before, shape (p,).
             start: time of the log at which the arms hold the payload, s; the run began near it.
             seen: position of the payload by the time of the log, m, shape (n, 3).
 
@@ -61,7 +61,7 @@ class CauseRuns:
         """
         self._cell = scenario.override(_friction(scenario, friction, None))
         self._none = dict.fromkeys(parameters, 0.0)
-        sizes = np.where(np.abs(x) > sd, x, sd)
+        sizes = np.where(np.abs(x) > prior, x, prior)
         cells = [self._with({one: size}) for one, size in zip(parameters, sizes.tolist(), strict=True)]
         cells += [self._with({}).override(_friction(scenario, friction, one)) for one in friction]
         first, *made = self._run([self._with({}), *cells])
@@ -75,7 +75,8 @@ class CauseRuns:
         at, position = first.data.time.values, first.data.payload_position.values
         everything = (*parameters, *friction_parameters(friction))
         times = at + _began(at, position, start, seen)
-        self.effects = Effects(times, everything, force, reading, self._plain)
+        without = self._plain - force[..., len(parameters) :].sum(axis=-1)
+        self.effects = Effects(times, everything, force, reading, without)
 
     def newtons(self, causes: Sequence[Mapping[Parameter, float]]) -> list[float]:
         """Return the norm of the force on an arm that each of some causes makes alone, mean over the run, N.
@@ -88,7 +89,7 @@ class CauseRuns:
         return [float(np.linalg.norm(one, axis=2).max(axis=1).mean()) for one in forces]
 
     def _with(self, values: Mapping[Parameter, float]) -> Scenario:
-        return self._cell.override(correction(self._cell, {**self._none, **values}, noise=False))
+        return self._cell.override(error_changes(self._cell, {**self._none, **values}, noise=False))
 
     def _run(self, cells: Sequence[Scenario]) -> list[RunResult]:
         batch = simulate_batch(cells)

@@ -1,4 +1,4 @@
-"""Page of a blame: ranked causes, the arms' views, every estimate with its interval, and the correction."""
+"""Page of a blame: ranked causes, the arms' views, every estimate, and the cell with the errors."""
 
 from __future__ import annotations
 
@@ -17,6 +17,10 @@ from coop_pin.viz.log_replay import logged_run
 from coop_pin.viz.page import inside_page, save_page, web_file
 from coop_pin.viz.replay import replay_html
 from coop_pin.viz.report import figure_image
+
+_NO_DESIRED = (
+    " The log has no desired pose: what is seen stands for it, and errors of the path are not known."
+)
 
 
 @typed
@@ -38,9 +42,10 @@ def blame_html(answer: Blame) -> str:
         text=html.escape(answer.summary()),
         views=figure_image(views_figure(answer), "views of the arms over time"),
         replay=_replay(answer),
+        desired="" if len(answer.record.desired_time) else _NO_DESIRED,
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
         estimates="\n".join([*map(_rows, fits), _other_rows(answer)]),
-        correction=html.escape(answer.corrected().to_toml(commented=True)),
+        errors=html.escape(answer.with_errors().to_toml(commented=True)),
     )
 
 

@@ -52,7 +52,9 @@ def logged_run(answer: Blame) -> RunResult:
             _fill(samples, answer, scenario, time, np.array([arm.payload_pose(q) for q in entries]))
         samples["tip_position"][:, k] = [arm.tip_pose(q)[:3, 3] for q in entries]
         samples["torque"][:, k, : arm.nv] = one.tau @ arm.from_drive
-        wrench = one.wrench - _zero(answer, arm.name) - hand_weight(answer.scenario, arm, one.q)
+        wrench = (
+            one.wrench - _zero(answer, arm.name) - hand_weight(answer.scenario, arm, one.q, answer.payload)
+        )
         samples["interaction_wrench"][:, k] = _about_payload(wrench, samples["payload_pose"], arm.X_PE)
         jacobians.append(np.array([arm.task_jacobian(q) for q in entries]))
     each = filtered_arms.values()

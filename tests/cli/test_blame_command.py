@@ -25,12 +25,12 @@ def test_the_committed_log_has_its_answer_page_and_correction(tmp_path, capsys):
     assert abs(float(re.search(r"right base x (\S+) mm", out)[1]) - 2.0) < 0.1
     page = (tmp_path / "blame.html").read_text()
     assert page.count("data:image/svg+xml") == 2
-    table = tomllib.loads((tmp_path / "corrected.toml").read_text())
+    table = tomllib.loads((tmp_path / "with_errors.toml").read_text())
     x = [table["cell"]["arms"][arm]["calibration_error"]["base"]["xyz"][0] for arm in ("left", "right")]
     assert abs(x[0] + x[1] - 2e-3) < 1e-4
     zero = table["arm_sensors"]["left"]["wrist"]["offset"]["force"]
     assert np.abs(np.array(zero) - (0.0, 1.5, 0.0)).max() < 0.25
-    assert cp.Scenario.load(tmp_path / "corrected.toml").log is not None
+    assert cp.Scenario.load(tmp_path / "with_errors.toml").log is not None
 
 
 def test_a_log_without_a_cell_or_with_the_wrong_unit_fails(capsys):

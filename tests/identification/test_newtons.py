@@ -118,7 +118,7 @@ def test_known_shares_of_the_law_are_no_cause_and_found_ones_are_those_of_the_co
     record = cp.logs.Record.of_run(cp.run(scenario, {"cell.load_shares": shares}, warn=False))
     answer = cp.blame(record, scenario, priors=PRIORS)
     assert np.abs(np.array(answer.share.sizes) - (0.47, 0.53)).max() < 0.0015
-    for cell in (answer.corrected(), scenario.override({"log.shares": shares})):
+    for cell in (answer.with_errors(), scenario.override({"log.shares": shares})):
         other = cp.blame(record, cell, priors=PRIORS)
         assert other.share not in other.causes
         assert np.abs(np.array(other.share.sizes) - answer.share.sizes).max() < 1e-3
@@ -193,6 +193,6 @@ def test_five_logs_have_their_cause_first_and_their_force_in_the_corrected_cell(
         assert abs(sizes[arm, axis] - value) < 0.04 * abs(value)
         made, corrected = (
             float(np.linalg.norm(force(cell.override(quiet)) - none, axis=2).max(axis=1).mean())
-            for cell in (blame_logs.real(believed, culprit)[1], answer.corrected())
+            for cell in (blame_logs.real(believed, culprit)[1], answer.with_errors())
         )
         assert abs(made - corrected) < max(0.1, (first.high - first.low) / 2.0), first
