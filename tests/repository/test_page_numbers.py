@@ -146,7 +146,7 @@ def test_a_force_gain_divides_the_error_once_its_low_pass_has_settled():
 
 def test_forces_that_the_pages_of_claims_quote_are_those_of_the_front():
     judged = pd.read_csv(REPOSITORY / "studies" / "front" / "panda-judged.csv").set_index(["law", "trial"])
-    told = r"printed, tuned, it is ([\d.]+) or (\d+) N on two Pandas"
+    told = r"[Pp]rinted, tuned, it is ([\d.]+) or (\d+) N on two Pandas"
     ((less, more),) = re.findall(told, PAGES["paper-claims"])
     assert holds(judged.loc[("printed, tuned", "nominal"), "force_N"], more)
     table = pd.read_csv(REPOSITORY / "studies" / "benchmark.csv")
