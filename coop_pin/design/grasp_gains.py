@@ -176,13 +176,15 @@ def _law(scenario: Scenario, K: Array, gains: Mapping[str, Any]) -> PayloadSpace
         for name in cell.arms:
             A = FullRows().twist_shift(cell.grasps[name].matrix[:3, 3])[np.ix_(rows, rows)]
             of_arms[name] = PayloadSpaceGains(sliding_gain=((A.T * K) @ A).round(9).tolist(), **gains)
+    # Links bend, and bases turn as they drive: both act as a bias beyond what bounds the anchor by default.
+    is_free = links is not None or any(arm.mobile_base for arm in scenario.cell.arms.values())
     return PayloadSpace(
         gains=PayloadSpaceGains(sliding_gain=tuple(K.round(9).tolist()), **gains),
         arm_gains=of_arms,
         gain_axes="payload" if of_arms else "world",
         force_path=force_path_of(scenario),
         zero_at_grasp=scenario.controller.near_rest.is_zeroed or links is not None,
-        anchor_bias="none" if links is not None else PayloadSpace.model_fields["anchor_bias"].default,
+        anchor_bias="none" if is_free else PayloadSpace.model_fields["anchor_bias"].default,
     )
 
 

@@ -76,12 +76,12 @@ def base_posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -
     """
     kinds = {(arm.nv, arm.description.base_joints) for arm in _arms(scenario, cell_reach)}
     if len(kinds) > 1:
-        detail = (
-            "arms on bases with joints for grasps need postures of each drive, and have unlike ones; make"
-        )
-        raise InfeasibleMotionError("stability", f"{detail} the grasps rigid, or state a law and its gains")
+        detail = "arms on bases beside joints of grasps or payload need postures of each drive, and have"
+        remedy = "make the grasps rigid, or state" if scenario.cell.jointed else "state"
+        raise InfeasibleMotionError("stability", f"{detail} unlike ones; {remedy} a law and its gains")
     ((drives, base_drives),) = kinds
-    motions = [*_spare_motions(scenario, cell_reach)]
+    if not (motions := [*_spare_motions(scenario, cell_reach)]):
+        return posture_gains(scenario, cell_reach, T)
     own = np.min([np.diag(M) for _, M in motions], axis=0) * (np.arange(drives) >= base_drives)
     decays = (np.linalg.eigvals(np.linalg.solve(U.T @ M @ U, (U.T * own) @ U)).real for U, M in motions)
     largest = max(float(each.max()) for each in decays)

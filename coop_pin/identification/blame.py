@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.arrays import Array, as_array, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.answer import Blame
@@ -56,6 +56,7 @@ def blame(
     _require_views(scenario)
     priors = priors or Priors()
     require_type("priors", priors, Priors)
+    _require_sizes(priors)
     arms = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
     noted = [*log_findings(record, scenario)]
     if not any(one.severity == "error" for one in noted):
@@ -150,3 +151,10 @@ def _trust(kinematics: Fit, payload: Fit | None, answer: Mapping[str, Any]) -> I
             " gains or its squeeze is another one, or drives are at their limits"
         )
         yield Finding("log", "controller", "warning", sentence, left, most)
+
+
+def _require_sizes(priors: Priors) -> None:
+    for name, usual in Priors()._asdict().items():
+        sizes = as_array(f"priors.{name}", getattr(priors, name), *np.shape(usual))
+        if (sizes < 0.0).any():
+            raise ArgumentError(f"priors.{name} is {sizes.tolist()}; it must not be negative")

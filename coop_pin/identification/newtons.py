@@ -163,7 +163,7 @@ def _left(
     at = np.clip(np.searchsorted(made.times, times), 0, len(made.times) - 1)
     reading, read = made.reading[at], internal - f_d
     left = internal - (f_d if made.without is None else made.without[at]) - reading @ x
-    settled = times > times[0] + _SETTLED
+    settled = times > times[0] + min(_SETTLED, np.ptp(times) / 2.0)
     left, total, reading, read = left[settled], total[settled][:, 0], reading[settled], read[settled]
     weight = total / max(float((total**2).sum()), 1e-12)
     shares = np.einsum("nk,nik->i", weight, left)

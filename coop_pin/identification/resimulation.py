@@ -75,7 +75,7 @@ class CauseRuns:
         at, position = first.data.time.values, first.data.payload_position.values
         everything = (*parameters, *friction_parameters(friction))
         times = at + _began(at, position, start, seen)
-        without = self._plain - force[..., len(parameters) :].sum(axis=-1)
+        without = read - reading[..., len(parameters) :].sum(axis=-1)
         self.effects = Effects(times, everything, force, reading, without)
 
     def newtons(self, causes: Sequence[Mapping[Parameter, float]]) -> list[float]:

@@ -66,6 +66,8 @@ def _topic(
         raise FileReadError(
             f"topic {name!r} has the fields {sorted(fields)}; it must have those of {FIELDS}", str(file)
         )
+    if not len(time):
+        raise FileReadError(f"topic {name!r} has no samples", str(file))
     components = tuple(fields[next(iter(FIELDS[kind]))]) if kind == "JointState" else ()
     topic = Topic(kind, time * second, {}, components)
     read = {}

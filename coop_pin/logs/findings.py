@@ -34,6 +34,9 @@ def log_findings(record: Record, scenario: Scenario) -> Iterator[Finding]:
     if end - start < _SHORTEST:
         sentence = f"all arms have samples together for {end - start:.3g} s only: clocks or units differ"
         yield Finding("log", "time", "error", sentence, end - start, _SHORTEST)
+    elif (held := np.subtract(*record.held_span[::-1])) < _SHORTEST:
+        sentence = f"arms hold the payload for {held:.3g} s of the log only, after log.free = {record.free}"
+        yield Finding("log", "free", "error", sentence, float(held), _SHORTEST)
     for name, arm in record.arms.items():
         yield from _times(name, arm)
         yield from _joints(name, arm, JointLimits(scenario.cell.arms[name], name))
@@ -82,6 +85,8 @@ def _joints(name: str, arm: ArmRecord, limits: JointLimits) -> Iterator[Finding]
             float(upper.max()),
             {"log.angle": "deg"} if is_degrees else {},
         )
+    if len(arm.time) < 2:
+        return
     moved = np.abs(np.gradient(arm.position, axis=0) / np.gradient(arm.time)[:, None])
     if np.isfinite(arm.velocity).all() and (arm.velocity != 0.0).any():
         ratio = float(moved.mean() / np.abs(arm.velocity).mean())

@@ -440,6 +440,7 @@ def on_bases() -> cp.Scenario:
 )
 def test_a_proposal_beside_joints_passes_its_own_check_and_keeps_the_task(make):
     proposed = cp.suggest(make(), poses=21)
+    assert (proposed.scenario.controller.anchor_bias == "none") == (make is on_bases)
     assert not proposed.findings().of("error")
     result = cp.run(proposed.scenario, warn=False)
     assert result.simulation_sound

@@ -262,6 +262,9 @@ def test_a_log_without_a_cell_is_refused_and_a_law_without_a_formula_is_named():
     left = {"arms": {"left": pair.cell.arms["left"]}, "grasps": {"left": pair.cell.grasps["left"]}}
     with pytest.raises(ArgumentError):
         cp.blame(cp.run(pair.replace(cell=pair.cell.replace(**left), squeeze={}, duration=0.2), warn=False))
+    for wrong in (Priors(hand=0.1), Priors(forecast=np.nan), Priors(wrist=(-2.0, 0.1))):
+        with pytest.raises(ArgumentError, match="priors"):
+            cp.blame(cp.run(pair.replace(duration=0.2), warn=False), priors=wrong)
     assert "sliding-mode" in uncovered(cp.Scenario.load("adept-paper"))
     assert uncovered(cp.Scenario.load("two-pandas-box")) == ""
 

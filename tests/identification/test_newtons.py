@@ -196,3 +196,11 @@ def test_five_logs_have_their_cause_first_and_their_force_in_the_corrected_cell(
             for cell in (blame_logs.real(believed, culprit)[1], answer.with_errors())
         )
         assert abs(made - corrected) < max(0.1, (first.high - first.low) / 2.0), first
+
+
+@pytest.mark.slow
+def test_a_law_that_is_run_leaves_nothing_of_a_log_with_noise_alone():
+    """Friction enters what wrists read once, by their readings."""
+    noise = {"sensors.wrist": {"noise": {"force": 0.2, "moment": 0.01}}, "events": (), "duration": 4.0}
+    scenario = cp.Scenario.load("adept-paper-fit", noise)
+    assert cp.blame(cp.logs.Record.of_run(cp.run(scenario, warn=False)), scenario).unexplained < 0.3

@@ -138,6 +138,9 @@ def test_what_a_file_does_not_have_is_named(scenario, tmp_path):
     path.write_text(text.replace(".joint_1", ".elbow"))
     with pytest.raises(FileReadError, match="joint_1"):
         cp.logs.Record.load(path, scenario)
+    path.write_text(text.splitlines()[0])
+    with pytest.raises(FileReadError, match="samples"):
+        cp.logs.Record.load(path, scenario)
     path.write_text(text.replace("time", "t", 1))
     with pytest.raises(FileReadError, match="time"):
         cp.logs.Record.load(path, scenario)
@@ -181,6 +184,24 @@ def test_units_gaps_and_resets_are_findings(scenario, change, severity):
     off = [one for one in log_findings(replace(record, arms=arms), scenario) if one.severity != "note"]
     assert off
     assert {one.severity for one in off} == {severity}
+
+
+@pytest.mark.parametrize("end", [103.7, 106.0])
+def test_a_log_in_which_arms_hardly_hold_is_an_error(scenario, end):
+    record = replace(made(scenario), free=(100.0, end))
+    (off,) = [one for one in log_findings(record, scenario) if one.severity != "note"]
+    assert (off.severity, off.place, off.limit) == ("error", "free", 1.0)
+    assert off.value == pytest.approx(103.99 - end)
+
+
+def test_a_log_of_one_sample_is_an_error(scenario):
+    record = made(scenario)
+    arms = dict(record.arms)
+    arms["right"] = replace(
+        arms["right"], **{part: getattr(arms["right"], part)[:1] for part in ("time", "position", "velocity")}
+    )
+    told = log_findings(replace(record, arms=arms), scenario)
+    assert "error" in {one.severity for one in told}
 
 
 @pytest.fixture(scope="module")
