@@ -82,12 +82,12 @@ def base_posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -
     ((drives, base_drives),) = kinds
     if not (motions := [*_spare_motions(scenario, cell_reach)]):
         return posture_gains(scenario, cell_reach, T)
-    own = np.min([np.diag(M) for _, M in motions], axis=0) * (np.arange(drives) >= base_drives)
-    decays = (np.linalg.eigvals(np.linalg.solve(U.T @ M @ U, (U.T * own) @ U)).real for U, M in motions)
+    inertias = np.min([np.diag(M) for _, M in motions], axis=0) * (np.arange(drives) >= base_drives)
+    decays = (np.linalg.eigvals(np.linalg.solve(U.T @ M @ U, (U.T * inertias) @ U)).real for U, M in motions)
     largest = max(float(each.max()) for each in decays)
     factor = T_LAMBDA / ((T + 2.0 * slowest_lag(scenario)) * largest)
     usual = float(np.max(_BASE_POSTURE.damping))
-    damping = [rounded_down(min(usual, factor * entry)) if entry else 0.0 for entry in own.tolist()]
+    damping = [rounded_down(min(usual, factor * entry)) if entry else 0.0 for entry in inertias.tolist()]
     part = float(np.max(_BASE_POSTURE.stiffness)) / usual
     return PostureGains(stiffness=tuple(part * entry for entry in damping), damping=tuple(damping))
 
