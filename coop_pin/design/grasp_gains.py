@@ -23,6 +23,7 @@ from coop_pin.design.posture_gains import (
     posture_gains,
     rounded_down,
     slowest_lag,
+    stands_on_bases,
 )
 from coop_pin.design.tuning_rule import anchor_of, damped, force_path_of, sampled_damping, squeeze_rate
 from coop_pin.feasibility.reachability import Reachability
@@ -152,8 +153,8 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
         "sign_gain": round(PayloadSpace.model_fields["switching"].default.width * k_I, 9),
         "transient_rate": squeeze_rate(scenario, gamma, scenario.clock.rate_hz),
     }
-    on_base = any(arm.base_joints for arm in cell.arms.values())
-    posture = (base_posture_gains if on_base else posture_gains)(scenario, cell_reach, T)
+    of_drives = base_posture_gains if stands_on_bases(scenario) else posture_gains
+    posture = of_drives(scenario, cell_reach, T)
     for part in _ANCHORS if cell.payload.links is not None else _ANCHORS[:1]:
         law = _law(scenario, k * unit, gains | {"anchor_gain": part * anchor_of(scenario, T)[1]})
         suggested = with_steps(scenario.replace(controller=law.replace(posture=posture)), cell_reach)
@@ -176,15 +177,15 @@ def _law(scenario: Scenario, K: Array, gains: Mapping[str, Any]) -> PayloadSpace
         for name in cell.arms:
             A = FullRows().twist_shift(cell.grasps[name].matrix[:3, 3])[np.ix_(rows, rows)]
             of_arms[name] = PayloadSpaceGains(sliding_gain=((A.T * K) @ A).round(9).tolist(), **gains)
-    # Links bend, and bases turn as they drive: both act as a bias beyond what bounds the anchor by default.
-    is_free = links is not None or any(arm.mobile_base for arm in scenario.cell.arms.values())
+    # Links bend, and bases turn as they drive: a larger bias than the anchor's usual bound allows.
+    has_bound = links is None and not stands_on_bases(scenario)
     return PayloadSpace(
         gains=PayloadSpaceGains(sliding_gain=tuple(K.round(9).tolist()), **gains),
         arm_gains=of_arms,
         gain_axes="payload" if of_arms else "world",
         force_path=force_path_of(scenario),
         zero_at_grasp=scenario.controller.near_rest.is_zeroed or links is not None,
-        anchor_bias="none" if is_free else PayloadSpace.model_fields["anchor_bias"].default,
+        anchor_bias=PayloadSpace.model_fields["anchor_bias"].default if has_bound else "none",
     )
 
 

@@ -31,6 +31,11 @@ def slowest_lag(scenario: Scenario) -> float:
     return float(max((*filters, *(scenario.actuators_of(name).lag for name in arms))))
 
 
+def stands_on_bases(scenario: Scenario) -> bool:
+    """Return whether an arm stands on a driven base."""
+    return any(arm.base_joints for arm in scenario.cell.arms.values())
+
+
 def posture_gains(
     scenario: Scenario,
     cell_reach: Reachability,
@@ -46,8 +51,7 @@ def posture_gains(
     positional ones the closures hold the spare joints against it, so that it is lowered to what the drives
     can hold.
     """
-    on_base = any(arm.base_joints for arm in scenario.cell.arms.values())
-    usual, decay = _BASE_POSTURE if on_base else PostureGains(), 0.0
+    usual, decay = _BASE_POSTURE if stands_on_bases(scenario) else PostureGains(), 0.0
     for U, M in _spare_motions(scenario, cell_reach):
         inertia = np.linalg.inv(U.T @ np.linalg.solve(M, U)) if tips_give else U.T @ M @ U
         decay = max(decay, 1.0 / float(np.linalg.eigvalsh(inertia)[0]))

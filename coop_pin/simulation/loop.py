@@ -153,7 +153,7 @@ class TickLoop:
         return SignalSource(self.scenario, self.slots).rows(first)
 
     def _signals_again(self, first: int) -> Iterator[TickSignals]:
-        """Yield the same; the first is kept, as analyses return to one tick hundreds of times."""
+        """Yield what ``signals`` does, and keep the first: analyses return to one tick hundreds of times."""
         scenario = self.scenario
         if self._returned is None or self._returned[0] is not scenario or self._returned[1] != first:
             self._returned = scenario, first, next(self.signals(first))

@@ -107,7 +107,7 @@ def thinned(mesh: Mesh, faces: int) -> Mesh:
     return Mesh(*_thinned(*parts, faces))
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=64)  # with the meshes of its arguments
 def _thinned(
     vertices: tuple[bytes, str], triangles: tuple[bytes, str], faces: int
 ) -> tuple[Array, NDArray[np.int64]]:

@@ -15,7 +15,7 @@ function coopPinStage(pane, holder, page) {
 
 function coopPinScene(pane, holder, page) {
   const AIR = 0xe9edf2, three = MeshCat.THREE, { scales } = page, vector = (...xyz) => new three.Vector3(...xyz);
-  // Each program of the shaders takes a tenth of a second in software: nothing is drawn before the lights are there.
+  // Other lights need other shader programs, which software compiles: nothing is drawn before the lights are there.
   const viewer = new MeshCat.Viewer(pane, false);
   viewer.renderer.domElement.setAttribute("role", "img");
   viewer.renderer.domElement.setAttribute("aria-label", "3-D view of the arms, the payload and the forces of the arms on it");
