@@ -31,6 +31,7 @@ def compare(
     list: bool = False,
     replay: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CELL")] = (),
     execution: ExecutionOptions = HERE,
+    retry_failed: bool = False,
     code: Code = ANY_CODE,
 ) -> None:
     """Compare controllers under standard trials. Finished runs are kept: the same command goes on with them.
@@ -61,6 +62,7 @@ def compare(
             side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a
             random trial.
         execution: workers, engine and folders to merge.
+        retry_failed: repeat runs that failed for lack of time or of a worker.
         code: code that the scenarios may name, and the controllers.
 
     Raises:
@@ -109,6 +111,7 @@ def compare(
             tuned=not untuned,
             gains=gains or GAINS,
             execution=execution,
+            retry_failed=retry_failed,
         )
         for name in map(str, result.data["scenario"].values):
             figures.save_figure(figures.comparison_figure(result, name), out / name / "comparison")

@@ -67,6 +67,7 @@ def compare(
     tuned: bool = True,
     gains: str | Path = GAINS,
     execution: Execution = HERE,
+    retry_failed: bool = False,
 ) -> Comparison:
     """Return the comparison of controllers in scenarios under trials; finished runs are never repeated.
 
@@ -88,6 +89,7 @@ def compare(
         execution: workers, folders of other comparisons to merge, engine: "auto" simulates together by
             compiled code what can be and is worth compiling, and the rest on Pinocchio; what a folder has of
             these runs, it keeps.
+        retry_failed: whether runs that failed for lack of time, of memory or of a worker are repeated.
 
     Raises:
         NameNotFoundError: there is no such scenario, controller or trial.
@@ -123,7 +125,8 @@ def compare(
     merged, frames = _merged(parts, list(map(Path, execution.merge))), []
     for part in parts:
         chosen = dataclasses.replace(execution, engine=None, merge=merged[part.folder])
-        frames.append(_cells(part, sweep_plan(part.plan, folder / part.folder, chosen)))
+        runs = sweep_plan(part.plan, folder / part.folder, chosen, retry_failed=retry_failed)
+        frames.append(_cells(part, runs))
     comparison = Comparison.of_cells(pd.concat(frames).loc[cells], folder)
     comparison.write_csv(folder / "comparison.csv")
     comparison.write_html(folder / "comparison.html")

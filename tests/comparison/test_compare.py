@@ -43,6 +43,7 @@ from coop_pin.compiled.engine_choice import choose_engines
 from coop_pin.figures import comparison_figure
 from coop_pin.model_based import ArmDynamics
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.workers.job import Outcome
 
 CONTROLLERS = ("printed", "anchored", "computed-torque")
 TRIALS = ("nominal", "mass x2", "bias 1 mm", "noise")
@@ -75,6 +76,19 @@ def run(scenarios, folder, **options):
 @pytest.fixture(scope="module")
 def table(scenarios, folder):
     return run(scenarios, folder)
+
+
+@pytest.mark.gate
+def test_a_run_that_failed_for_lack_of_time_is_repeated_on_request(scenarios, tmp_path):
+    options = {"out": tmp_path, "duration": 0.05, "execution": cp.Execution(workers=0, quiet=True)}
+    compared = functools.partial(cp.compare, scenarios[0], ["anchored"], ["nominal"], **options)
+    first = compared().table
+    store = SweepStore(next((tmp_path / scenarios[0].name).iterdir()))
+    (record,) = store.records()
+    late = dataclasses.replace(record, metrics={}, failure="RunTimeoutError", message="600 s")
+    store.append([Outcome(late, None, b"", ())])
+    assert compared().table["finished"].tolist() == [0]
+    pd.testing.assert_frame_equal(compared(retry_failed=True).table, first)
 
 
 def test_every_cell_says_how_many_runs_how_many_sound_and_kept_and_its_interval(table):
