@@ -11,8 +11,8 @@ them have *fold* into it, others are *inputs* in the *slots* of a *block* of run
 build on each other:
 
 - what runs share: engines (names), kind;
-- physics (plant): serial_arm (kinematics), arm_dynamics, cell_numbers (constants), cell_dynamics (closures,
-  forces on the payload);
+- physics (plant): serial_arm (kinematics), arm_dynamics, cell_numbers (constants), closures, cell_dynamics
+  (forces on the payload);
 - numbers of runs: constants (what differs folds or is an input, and signals, which change in time);
 - code: plant_code (a Runge-Kutta step), law_code (a law);
 - checks of users' laws: support (shaken ticks, single runs);

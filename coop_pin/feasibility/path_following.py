@@ -267,9 +267,8 @@ class PathFollowing:
             if changed.size:
                 return NearlySingular(self._time_between(int(changed[0]), 0.5), 0.0, float("inf"))
         index = int(np.argmin(np.where(self._reached, self.sigma_min, np.inf)))
-        return NearlySingular(
-            float(self._path.times[index]), float(self.sigma_min[index]), float(self.condition[index])
-        )
+        values = (self._path.times, self.sigma_min, self.condition)
+        return NearlySingular(*(float(value[index]) for value in values))
 
     def limit_violation(self) -> JointLimitMargin | None:
         """Return the first joint that exceeds its position limits; its time is interpolated."""
@@ -312,9 +311,8 @@ class PathFollowing:
         parts = np.abs(self._rates) / limits * self._reached[:, None]
         index, joint = (int(entry) for entry in np.unravel_index(int(parts.argmax()), parts.shape))
         time, speed = float(self._path.times[index]), float(abs(self._rates[index, joint]))
-        return FastestJoint(
-            joints.names[joint], time, speed, float(limits[joint]), f"{joints.units[joint]}/s"
-        )
+        unit = f"{joints.units[joint]}/s"
+        return FastestJoint(joints.names[joint], time, speed, float(limits[joint]), unit)
 
     def _time_between(self, index: int, part: float) -> float:
         """Return the time at a part of the way from one pose to the next, s."""

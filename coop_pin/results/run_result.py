@@ -33,11 +33,7 @@ if TYPE_CHECKING:  # slow to load
     import pandas as pd
     import xarray as xr
 
-_FORMER = {
-    "trustworthy": "simulation_sound and task.kept",
-    "windows": "phases",
-    "window_of": "windows_of(metric)",
-}
+_FORMER = {"trustworthy": "simulation_sound and task.kept", "windows": "phases", "window_of": "windows_of"}
 """Attributes of earlier versions, and what replaces them."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import warnings
 from collections.abc import Iterator
@@ -28,7 +27,7 @@ from coop_pin.simulation.devices.shared_drive import SharedDrives, WheelDrives
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import SPEED_LIMIT, PlantMaker, require_closed
 from coop_pin.simulation.recorder import Recorder
-from coop_pin.simulation.run_state import RunState
+from coop_pin.simulation.run_state import RunState, copied
 from coop_pin.simulation.tick import CellReference, References, SignalSource, TickInputs, TickSignals
 from coop_pin.simulation.timeline import Timeline
 
@@ -257,7 +256,7 @@ class TickLoop:
             scenario=self.scenario,
             ticks_done=self.ticks_done,
             controller=self.controller,
-            controller_state=_copied(self.controller_state),
+            controller_state=copied(self.controller_state),
             law_memory=LawMemory.of(self.controller),
             motion=self.motion,
             squeeze=self.squeeze,
@@ -286,7 +285,7 @@ class TickLoop:
         state.require_of(self._start.scenario)
         is_under_way = self.ticks_done > 0
         self.scenario, self.ticks_done = state.scenario, state.ticks_done
-        self.controller, self.controller_state = state.controller, _copied(state.controller_state)
+        self.controller, self.controller_state = state.controller, copied(state.controller_state)
         kept = state.law_memory.restore(self.controller) if state.law_memory else []
         if kept and is_under_way:
             text = f"not brought back to t = {self.time:g} s: {', '.join(kept)}; keep it in the law's state"
@@ -301,39 +300,3 @@ class TickLoop:
         self.recorder.restore(state.record, self.scenario)
 
     __setstate__ = restore
-
-
-def _copied(state: Any) -> Any:
-    """Return a copy of a law's state, as laws may change arrays in place; what cannot be copied, itself."""
-    try:
-        return _plain_copy(state, {})
-    except TypeError:
-        pass
-    try:
-        return copy.deepcopy(state)
-    except Exception:  # of a user's class, such as one that holds a file
-        return state
-
-
-def _plain_copy(tree: Any, copies: dict[int, Array]) -> Any:
-    """Return a copy of nested tuples of numbers and arrays; ``copy.deepcopy`` takes five times as long.
-
-    Args:
-        tree: the state of a law of the package, for example.
-        copies: copies of arrays by the identity of these: what is one array stays one.
-
-    Raises:
-        TypeError: something else is in it.
-    """
-    kind = type(tree)
-    if kind is np.ndarray and tree.dtype == np.float64:
-        if id(tree) not in copies:
-            copies[id(tree)] = tree.copy(order="K")
-        return copies[id(tree)]
-    if tree is None or kind in (float, int, bool, str, np.float64):
-        return tree
-    if kind is tuple:
-        return tuple([_plain_copy(part, copies) for part in tree])
-    if issubclass(kind, tuple) and hasattr(kind, "_make") and not hasattr(tree, "__dict__"):
-        return kind._make([_plain_copy(part, copies) for part in tree])
-    raise TypeError

@@ -17,8 +17,9 @@ from coop_pin.compiled import simulate_batch, support
 from coop_pin.compiled.engine_choice import choose_engines
 from coop_pin.compiled.kind import Cover, Kind
 from coop_pin.compiled.plant.arm_dynamics import ArmInput, ArmNumbers, arm_terms
-from coop_pin.compiled.plant.cell_dynamics import CellState, cell_motion, closure_error
+from coop_pin.compiled.plant.cell_dynamics import CellState, cell_motion
 from coop_pin.compiled.plant.cell_numbers import CellNumbers
+from coop_pin.compiled.plant.closures import closure_error
 from coop_pin.compiled.plant.serial_arm import SerialArm
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant

@@ -17,7 +17,7 @@ from coop_pin.cli import main
 from coop_pin.compiled import plant_of
 from coop_pin.compiled.engine_choice import choose_engine
 from coop_pin.compiled.engines import FORMER
-from coop_pin.compiled.plant.cell_dynamics import closure_error
+from coop_pin.compiled.plant.closures import closure_error
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.simulation.build_controller import build_controller

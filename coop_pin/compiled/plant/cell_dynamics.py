@@ -1,8 +1,6 @@
 """Constrained dynamics of a cell as scalar code: its arms, the payload, closures and compliant grasps.
 
-The payload is welded to the first arm with a rigid grasp, or free where no grasp is rigid. The constraint is
-that of chain.closure_set: e = -log6(X_i^-1 X_0) of the payload frames that arm i and the arm with the payload
-hold, here in world axes about the world's origin, which takes it to V_i - V_0 = e'.
+The payload is welded to the first arm with a rigid grasp, or free where no grasp is rigid.
 """
 
 from __future__ import annotations
@@ -22,27 +20,22 @@ from coop_pin.compiled.plant.arm_dynamics import (
     solve_transposed,
 )
 from coop_pin.compiled.plant.cell_numbers import CellNumbers
+from coop_pin.compiled.plant.closures import closure_error, closure_forces, error_sizes
 from coop_pin.compiled.plant.serial_arm import (
     Numbers,
     RigidInertia,
     cross,
     force_cross,
     join,
-    motion_cross,
 )
 from coop_pin.description.events import Surroundings
 from coop_pin.grasps.observation import Observation, PayloadState, payload_quantities
 from coop_pin.grasps.spring_damper import MovingFrame, SpringState, spring_state
 from coop_pin.model.joint_stops import stop_quantities
-from coop_pin.tracing.elementary import polynomial
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number
 from coop_pin.tracing.traced_array import plain, traced
 from coop_pin.tracing.tree import SharedFunctions
-
-_ROTATION = (15.0 / 336.0, 3.0 / 40.0, 1.0 / 6.0, 1.0)
-_TRANSLATION = (1.0 / 30240.0, 1.0 / 720.0, 1.0 / 12.0)
-"""Series of asin(s) / s in s^2, and of (1 - x / 2 cot(x / 2)) / x^2 in x^2: exact for closed grasps."""
 
 
 class CellMotion(NamedTuple):
@@ -117,7 +110,7 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     springs = _spring_states(cell, terms, body)
     errors = {i: closure_error(R, p, terms[i].R_WP, terms[i].p_WP) for i in cell.closed}
     F = {i: spring.on_body for i, spring in springs.items()}
-    F |= _closure_forces(cell, terms, W - sum(F.values(), np.zeros(6)), errors, rows)
+    F |= closure_forces(cell, terms, W - sum(F.values(), np.zeros(6)), errors, rows)
     total = W - sum((F[i] for i in sorted(F)), np.zeros(6))
     accelerations = [
         arm.acceleration_under(F[i]) if i in springs else arm.acceleration(F.get(i, total)[rows])
@@ -140,16 +133,13 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         "work_stops": sum((stop.power for stop in stopped if stop is not None), 0.0),
     }
     tips = np.stack([arm.p_WP + arm.R_WP @ tip for arm, tip in zip(terms, cell.tips, strict=True)])
-    sizes = np.zeros((len(terms), 2)).astype(object)
-    for i, error in errors.items():
-        sizes[i] = _size(error, tips[i])
     energies: dict[str, Any] = {
         "kinetic_energy": sum((arm.kinetic for arm in terms), 0.0),
         "potential_energy": sum((-1.0 * (arm.moment @ plain(gravity)) for arm in terms), 0.0),
     }
     motion = CellMotion(
         rates=np.concatenate((*accelerations, [powers[name] for name in cell.works])),
-        closure_errors=sizes,
+        closure_errors=error_sizes(errors, tips),
         moment=sum((arm.moment for arm in terms), np.zeros(3)),
         observation=Observation(
             **payload_quantities(PayloadState(_pose_rows(R, p), V_WP, F_P, acting)),
@@ -272,53 +262,3 @@ def _payload_energies(surroundings: Surroundings, observation: Observation) -> t
     kinetic: Any = 0.5 * (mass * (v @ v) + w_P @ (surroundings.inertia @ w_P))
     weight: Any = mass * (surroundings.gravity @ X_WP[:, 3])
     return kinetic, -weight
-
-
-def closure_error(R_0: Numbers, p_0: Numbers, R_i: Numbers, p_i: Numbers) -> Numbers:
-    """Return e = -log6(X_0 X_i^-1) = -[p - w x p / 2 + beta w x (w x p), w] in the world, shape (6,)."""
-    R = R_0 @ R_i.T
-    p = p_0 - R @ p_i
-    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], dtype=object)
-    w = polynomial(sine @ sine, _ROTATION) * sine
-    wp = cross(w, p)
-    return -join(p - 0.5 * wp + polynomial(w @ w, _TRANSLATION) * cross(w, wp), w)
-
-
-def _closure_forces(
-    cell: CellNumbers,
-    terms: Sequence[ArmResponse],
-    W: Numbers,
-    errors: Mapping[int, Numbers],
-    rows: Sequence[int],
-) -> dict[int, Numbers]:
-    """Return f_i on the arms with closures by the payload, about the world's origin, shape (6,) each.
-
-    Args:
-        cell: Constants of the cell.
-        terms: Dynamics of the arms.
-        W: Wrench on the payload besides those of closures, about the world's origin, shape (6,).
-        errors: Closure errors of the arms with closures.
-        rows: Moving rows; the others are zero.
-    """
-    if cell.carrier is None or not errors:
-        return {}
-    first, others, k = terms[cell.carrier], [terms[i] for i in errors], len(rows)
-    offset = first.b + first.G @ W[rows]
-    right, G = [], np.empty((k * len(others), k * len(others)), dtype=object)
-    for i, (arm, error) in enumerate(zip(others, errors.values(), strict=True)):
-        drift = arm.V - first.V
-        closing = motion_cross(drift, arm.V) + cell.velocity_gain * drift + cell.position_gain * error
-        right += [*(offset - arm.b - closing[rows])]
-        for j in range(len(others)):
-            G[k * i : k * (i + 1), k * j : k * (j + 1)] = first.G + arm.G if i == j else first.G
-    L, D_inverse = factor(G)
-    f = solve_transposed(L, D_inverse * solve_lower(L, np.array(right, dtype=object)))
-    forces = np.zeros((len(others), 6)).astype(object)
-    forces[:, rows] = f.reshape(-1, k)
-    return dict(zip(errors, forces, strict=True))
-
-
-def _size(error: Numbers, tip: Numbers) -> list[Any]:
-    """Return distance and angle of a closure error, at the tip."""
-    linear = error[:3] + cross(error[3:], tip)
-    return [(linear @ linear) ** 0.5, (error[3:] @ error[3:]) ** 0.5]
