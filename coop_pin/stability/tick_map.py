@@ -48,6 +48,7 @@ class TickMap:
         self._simulation, self._ticks, self._origin = simulation, ticks, simulation.state()
         chain, q = simulation.chain, simulation.plant.q
         self._chain, self._motions = chain.mechanism, Motions.at(chain, q)
+        self._linked = chain.model.linked
         self._arms, self._rows, self._R_WP = (
             chain.model.arms,
             chain.cell.task_rows,
@@ -108,7 +109,12 @@ class TickMap:
             return f"internal {kind} {_axis(self._rows.axes[row])}{of_arm}"
         if self._motions.is_spare(y):
             speeds = np.abs(self._basis @ y)
-            return f"posture of {max(self._arms, key=lambda slot: np.linalg.norm(speeds[slot.v_slice])).name}"
+            arm = max(self._arms, key=lambda slot: np.linalg.norm(speeds[slot.v_slice]))
+            if (linked := self._linked) is not None:
+                of_joints = speeds[linked.v_slice]
+                if np.linalg.norm(of_joints) > np.linalg.norm(speeds[arm.v_slice]):
+                    return f"payload's joint {linked.joint_names[np.argmax(of_joints)]}"
+            return f"posture of {arm.name}"
         return f"payload {_axis(self._rows.axes[np.argmax(np.abs(self._motions.payload @ y))])}"
 
     def _response(self, deviation: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from linked_cells import PAYLOADS, box_with_lid, door, hanging_rope, linked, random_state
+from linked_cells import PAYLOADS, box_with_lid, door, hanging_rope, joint, link, linked, random_state
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -326,6 +326,19 @@ def test_links_that_nobody_holds_are_found():
     assert by_kind["payload mode"].value == pytest.approx(frequency, rel=2e-3)
 
 
+@pytest.mark.gate
+def test_a_sound_link_that_hangs_in_the_plane_is_no_error():
+    """Nothing returns its joint, which falls back as the motion starts; the loop about rest is sound."""
+    parts = link("box", 2.5, (0, 0, 0), (0.26, 0.2, 0.1)) + link(
+        "bob", 0.5, (0, -0.08, 0), (0.01, 0.16, 0.01)
+    )
+    hinge = joint("hinge", "box", "bob", (0, 0, 0), (0, 0, 1))
+    free = {"kind": "links", "path": f'<robot name="box">{parts}{hinge}</robot>', "link": "box"}
+    findings = cp.check(linked("adept-anchored", "lid").override({"cell.payload": free}), poses=11)
+    assert {finding.kind for finding in findings if finding.severity == "warning"} == {"unheld link"}
+    assert findings.ok
+
+
 def opened(arms: int, **changes) -> cp.RunResult:
     fields = cp.Scenario.load("two-pandas-door").model_dump()
     if arms == 1:
@@ -333,6 +346,14 @@ def opened(arms: int, **changes) -> cp.RunResult:
             part.pop("left")
         fields["squeeze"] = {"right": (0.0,) * 6}
     return cp.run(cp.Scenario(**fields).override(changes))
+
+
+@pytest.mark.gate
+def test_a_mode_of_a_joint_of_the_payload_is_its():
+    loop = cp.stability.eigenvalues(linked("adept-anchored", "lid"))
+    names = {mode.name for mode in loop.modes}
+    assert "payload's joint hinge" in names
+    assert not any(name.startswith("posture") for name in names)  # three joints hold the payload's three rows
 
 
 @pytest.mark.slow
