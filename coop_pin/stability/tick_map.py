@@ -109,12 +109,12 @@ class TickMap:
             return f"internal {kind} {_axis(self._rows.axes[row])}{of_arm}"
         if self._motions.is_spare(y):
             speeds = np.abs(self._basis @ y)
-            arm = max(self._arms, key=lambda slot: np.linalg.norm(speeds[slot.v_slice]))
+            mover = max(self._arms, key=lambda slot: np.linalg.norm(speeds[slot.v_slice]))
             if (linked := self._linked) is not None:
                 of_joints = speeds[linked.v_slice]
-                if np.linalg.norm(of_joints) > np.linalg.norm(speeds[arm.v_slice]):
+                if np.linalg.norm(of_joints) > np.linalg.norm(speeds[mover.v_slice]):
                     return f"payload's joint {linked.joint_names[np.argmax(of_joints)]}"
-            return f"posture of {arm.name}"
+            return f"posture of {mover.name}"
         return f"payload {_axis(self._rows.axes[np.argmax(np.abs(self._motions.payload @ y))])}"
 
     def _response(self, deviation: Array) -> Array:
