@@ -382,3 +382,20 @@ def test_of_a_sweep_in_lanes_other_laws_run_on_compiled_plants_and_other_plants_
     engines = {record.key: record.engine for record in SweepStore(tmp_path).records()}
     assert [engines[key] for key in result.table["key"]] == ["compiled", "compiled", "pinocchio"]
     assert result.counts()["ok"] == 3
+
+
+@pytest.mark.gate
+def test_a_long_run_has_the_bits_of_a_short_one(monkeypatch):
+    """Squeeze and motion that stay fold in the code of a part, whose zeros may have another sign."""
+    from coop_pin.compiled import lane
+
+    changes = {"sensors.encoder.noise": 1e-5, "duration": 0.16}
+    scenario, runs = cp.Scenario.load("two-ur5-admittance", changes), []
+    monkeypatch.setattr(lane, "_PART", 24)
+    for long in (lane._LONG, 10):
+        monkeypatch.setattr(lane, "_LONG", long)
+        runs.append(lane.Lane(scenario).run().data)
+    for name in runs[0].data_vars:
+        if runs[0][name].dtype == float:
+            bits = [np.ascontiguousarray(run[name].values).view(np.uint64) for run in runs]
+            np.testing.assert_array_equal(*bits, name)
