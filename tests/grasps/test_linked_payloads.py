@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from linked_cells import PAYLOADS, box_with_lid, door, hanging_rope, joint, link, linked, random_state
+from linked_cells import (
+    PAYLOADS,
+    box_with_lid,
+    door,
+    hanging_rope,
+    joint,
+    link,
+    linked,
+    pulled_rope,
+    random_state,
+)
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -293,7 +303,7 @@ def test_what_a_linked_payload_does_not_go_with_is_refused_by_name():
         cp.suggest(linked("adept-anchored", "door"), poses=5)
     taut = {"kind": "chain", "mass": 0.5, "length": 0.24, "links": 9, "axis": "z"}
     changes = {"cell.payload": taut, "cell.grasps.right.link": "rod8"}
-    with pytest.raises(InfeasibleMotionError, match="taut"):
+    with pytest.raises(FieldError, match="straight"):
         cp.suggest(linked("adept-anchored", "beam", **changes), poses=5)
     hinged = cell.replace(
         grasps={**cell.grasps, "left": {**cell.grasps["left"].model_dump(), "kind": "hinge"}}
@@ -337,6 +347,50 @@ def test_a_sound_link_that_hangs_in_the_plane_is_no_error():
     findings = cp.check(linked("adept-anchored", "lid").override({"cell.payload": free}), poses=11)
     assert {finding.kind for finding in findings if finding.severity == "warning"} == {"unheld link"}
     assert findings.ok
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_a_rope_between_two_arms_rests_at_its_polygon_and_pulls_as_a_catenary(name):
+    errors = []
+    for n in (9, 17, 33):
+        scenario, pull, of_catenary = pulled_rope(name, n)
+        errors.append(pull / of_catenary - 1.0)
+        if n > 9:
+            continue
+        chain, links = CellChain(scenario.cell, scenario.plant), scenario.cell.payload.links
+        q, X_WP = chain.configuration(scenario.start.matrix), scenario.start.matrix
+        assert_allclose(chain.joints.positions(q), [*links.start.values()], rtol=0.0, atol=1e-9)
+        loads = chain.loads(q)
+        assert_allclose(loads[:, 0], (pull, -pull), rtol=1e-8)
+        assert_allclose(loads[:, 1 if name == "adept-anchored" else 2], -0.3 * 9.81, rtol=1e-9)
+        disturbed = q.copy()
+        disturbed[chain.joints.linked.q_slice] *= 0.97  # and Newton's method comes back
+        again = chain.joints.positions(chain.joints.at_rest(disturbed, X_WP))
+        assert_allclose(again, [*links.start.values()], rtol=0.0, atol=1e-9)
+    assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("name", CELLS)
+def test_a_rope_that_two_arms_pull_keeps_the_pull_of_its_closed_form(name):
+    scenario, pull, _ = pulled_rope(name, 9)
+    chain = CellChain(scenario.cell, scenario.plant)
+    loads = chain.loads(chain.configuration(scenario.start.matrix))
+    internal = (loads - loads.mean(axis=0)).round(12)
+    proposed = cp.suggest(
+        scenario.override({"squeeze": dict(zip(scenario.cell.arms, internal.tolist(), strict=True))}), poses=5
+    ).scenario
+    result = cp.run(proposed, warn=False)
+    assert result.simulation_sound
+    assert_allclose(result.data["internal_wrench"].values[-1, :, 0], (pull, -pull), rtol=1e-3)
+    assert np.abs(result.data["pose_error"].values[-1]).max() < 5e-4
+
+
+def test_a_straight_rope_has_no_pull_that_bears_it():
+    straight = {"kind": "chain", "mass": 0.5, "length": 0.4, "links": 5}
+    scenario = linked("two-pandas-box", "beam", **{"cell.payload": straight})
+    with pytest.raises(FieldError, match="straight"):
+        CellChain(scenario.cell, scenario.plant).configuration(scenario.start.matrix)
 
 
 def opened(arms: int, **changes) -> cp.RunResult:
