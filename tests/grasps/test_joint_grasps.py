@@ -426,10 +426,9 @@ def test_a_proposal_beside_joints_is_stable_by_half_and_damps_the_light_wrist():
 def on_bases() -> cp.Scenario:
     """Three UR5 on bases, one of which holds by a hinge: its wrist bears a tenth of the others' damping.
 
-    Over 2 m; over 3 m in the same time bases and arms press each other with 1.08 N, and 1.01 N is allowed.
+    With a tenth of their spring as well, the bases of all swing at 0.78 rad/s and press each other with 1.08 N.
     """
-    changes = {"cell.split_length": 0.3, "motion.goal.xyz": (2.0, 0.0, 0.78)}
-    return jointed("three-driven-ur5", {"arm1": "hinge"}, **changes)
+    return jointed("three-driven-ur5", {"arm1": "hinge"}, **{"cell.split_length": 0.3})
 
 
 @pytest.mark.slow

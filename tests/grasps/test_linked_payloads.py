@@ -541,13 +541,23 @@ def test_laws_that_share_the_weight_of_a_door_are_refused(changes, field):
         build_controller(scenario)
 
 
+def bent(kind: str) -> cp.Scenario:
+    """A payload of Pandas that the moment of the squeeze bends: until it has, this moment is missing.
+
+    The forces of 10 N are 0.05 m off the line through P, which are 0.5 N m; the task allows them.
+    """
+    scenario = linked("two-pandas-box", kind)
+    moment = float(np.linalg.norm(scenario.squeeze_wrenches[:, 3:], axis=1).max())
+    return scenario.override({"task.moment": 1.01 * moment})
+
+
 PROPOSED = {
     "Adepts, lid": lambda: linked("adept-anchored", "lid"),
     "Adepts, beam": lambda: linked("adept-anchored", "beam"),
     "Adepts, table": lambda: linked("adept-anchored", "table"),
     "Pandas, lid": lambda: linked("two-pandas-box", "lid"),
-    "Pandas, beam": lambda: linked("two-pandas-box", "beam", **{"task.moment": 1.0}),
-    "Pandas, table": lambda: linked("two-pandas-box", "table", **{"task.moment": 1.0}),
+    "Pandas, beam": lambda: bent("beam"),
+    "Pandas, table": lambda: bent("table"),
     "Pandas, door": lambda: cp.Scenario.load("two-pandas-door"),
     "UR5, beam of 2 m": beam_of_two_metres,
     "a Panda, rope": hanging_rope,
