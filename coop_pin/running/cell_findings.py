@@ -25,7 +25,6 @@ from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.reserves import force_reserve, loads_without_an_arm
 from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import table_force
-from coop_pin.reference.motions import HoldMotion
 from coop_pin.results.finding import Finding, Kind
 from coop_pin.running.payload_findings import payload_findings
 from coop_pin.running.plausibility import implausible_numbers
@@ -230,13 +229,8 @@ def _on_servos(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _closed_loop(scenario: Scenario) -> Iterator[Finding]:
-    """Yield the stability of the whole tick by differences, at the start.
-
-    A payload with joints is held there: the joint of a hanging link runs away from a motion that starts.
-    """
+    """Yield the stability of the whole tick by differences, at the start."""
     slot = "controller.gains"
-    if scenario.cell.payload.links is not None:
-        scenario = scenario.replace(motion=HoldMotion(pose=scenario.start))
     try:
         loop = eigenvalues(scenario)
     except (ArgumentError, DivergedError) as error:

@@ -98,6 +98,8 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     the run is at rest this is its linear model; while it moves it is that of the moment. No message is lost
     or rounded.
 
+    At time 0 a payload with joints is held: the joint of a hanging link runs away from a motion that starts.
+
     ``sampled_motion`` is the motion's part of it alone, in closed form, without friction, force path and
     memories: much faster, for many poses and lags.
 
@@ -118,6 +120,8 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
         raise OutOfRangeError("time", time, "at least 0 and finite")
     period = scenario.clock.period
     smooth, arms = _smooth(scenario), list(scenario.cell.arms)
+    if time == 0.0 and scenario.cell.payload.links is not None:
+        smooth = smooth.override({"motion": {"kind": "hold", "pose": scenario.start.model_dump()}})
     age = smooth.oldest_wrench
     cycles = [wrist.every for wrist in smooth.wrists]
     if (network := smooth.network) is not None:
