@@ -128,11 +128,9 @@ class PayloadJoints:
             X_PR = pin.SE3(X_WP).actInv(data.oMi[linked.root])
             entry = int(model.idx_vs[linked.root])
             W = X_PR.act(pin.Force(-g[entry : entry + 6])).vector
-        else:
-            s, Q_inverse = links.freedom, np.repeat((1.0, cell.split_length**2), 3)
-            at = int(model.idx_vs[linked.joint])
-            held = self.state(q, np.zeros(model.nv)).force[at] - g[at]
-            W = Q_inverse * s * held / (s @ (Q_inverse * s))
+        else:  # any wrench that does the work of weight and spring: the split takes the least one
+            s, at = links.freedom, int(model.idx_vs[linked.joint])
+            W = s * (self.state(q, np.zeros(model.nv)).force[at] - g[at]) / (s @ s)
         if not cell.splits_load:
             return np.outer(cell.shares, rotate_vector6(R, W))
         return rotate_vector6(R, cell.loads_within([True] * len(cell.arms)) @ W)
