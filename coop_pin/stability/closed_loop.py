@@ -135,11 +135,14 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     tick = TickMap(simulation, N)
     A, outputs, constants = tick.jacobian()
     z, vectors = np.linalg.eig(A)
+    is_one = np.abs(z - 1.0) < _ONE
+    # Memories that stay have errors of the differences in what nothing returns.
+    of_ones = np.ix_(np.arange(len(A)) < tick.moving, is_one)
+    vectors[of_ones] *= np.abs(vectors[of_ones]) > _ONE
     names = [
         tick.mode_name(vector, output)
         for vector, output in zip(vectors.T, (outputs @ vectors).T, strict=True)
     ]
-    is_one = np.abs(z - 1.0) < _ONE
     order = [k for k in np.argsort(-np.abs(z)) if abs(z[k]) > _GONE]
     modes = [Mode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
     ones = [names[k] for k in order if is_one[k]]

@@ -36,6 +36,9 @@ class TickMap:
     x holds the motions y that the closures leave, their speeds w, and memories: forces of the drives just
     before the tick, torques in lag, torques that drives have reported, sensors and force path, the law,
     servos, messages.
+
+    Attributes:
+        moving: number of the entries y and w.
     """
 
     def __init__(self, simulation: Simulation, ticks: int) -> None:
@@ -57,6 +60,7 @@ class TickMap:
         self._driven = np.concatenate([np.r_[slot.v_slice] for slot in self._arms])
         self._shares = np.array([chain.cell.share(slot.name) for slot in self._arms])
         self._basis = self._motions.basis
+        self.moving = 2 * self._basis.shape[1]
         self._end = self._origin
 
     def jacobian(self) -> tuple[Array, Array, int]:
