@@ -77,8 +77,7 @@ def closure_problem(scenario: Scenario) -> str:
     away = _NEARBY * np.random.default_rng(0).normal(size=model.nv)
     near = pin.integrate(model, q, away)
     if scenario.cell.jointed or chain.joints is not None:  # they keep a payload in the plane of its arms
-        is_pulled = chain.joints is not None and chain.joints.is_pulled  # the slack of a rope is small
-        for part in (1.0, _NEARBY) if is_pulled else (1.0,):
+        for part in (1.0, _NEARBY) if scenario.cell.is_pulled else (1.0,):  # a rope's slack is small
             with contextlib.suppress(OpenClosureError):
                 near = chain.mechanism.project_configuration(pin.integrate(model, q, part * away))
                 break

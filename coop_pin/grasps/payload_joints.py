@@ -40,7 +40,6 @@ class PayloadJoints:
         stiffness: k, N m/rad or N/m, shape (n,).
         damping: c, N m s/rad or N s/m, shape (n,).
         stops: stops at the limits of the URDF.
-        is_pulled: whether arms hold links with a joint without a spring between them, as the ends of a rope.
     """
 
     def __init__(self, cell: Cell, tree: CellModel) -> None:
@@ -69,10 +68,6 @@ class PayloadJoints:
             np.array([joint.stop_stiffness for joint in stated]) * has_stop,
             np.array([joint.stop_damping for joint in stated]) * has_stop,
         )
-        sides = [{*links.robot.movers(cell.held_links.get(name, links.link))} for name in cell.arms]
-        between = {name for side in sides for name in side if not all(name in other for other in sides)}
-        loose = any(not links.joint(name).stiffness for name in between)
-        self.is_pulled = loose and links.base is None and not (cell.tools or cell.jointed)
 
     def positions(self, q: Array) -> Array:
         """Return the angles and travels at a configuration of the tree, shape (n,)."""
@@ -111,7 +106,7 @@ class PayloadJoints:
         does not: weight and spring. The ends of a rope are pulled, too, by what keeps its joints at rest.
         """
         loads = self._shared_loads(q, X_WP)
-        if not self.is_pulled:
+        if not self._cell.is_pulled:
             return loads
         A = self._internal_moments(q, X_WP)
         pull = np.linalg.lstsq(A, -self._moments(q, X_WP), rcond=_RANK)[0]
@@ -144,7 +139,7 @@ class PayloadJoints:
         Raises:
             FieldError: no angles at rest are near the start.
         """
-        if self.is_pulled:
+        if self._cell.is_pulled:
             return self._pulled(q, X_WP)
         linked, v = self.linked, np.zeros(self._tree.model.nv)
         q = linked.configured(q, X_WP)
