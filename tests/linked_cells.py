@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import brentq
 
 import coop_pin as cp
 
@@ -123,3 +124,33 @@ def random_state(chain, q: np.ndarray, seed: int, speed: float):
     q = chain.mechanism.project_configuration(pin.integrate(model, q, 0.05 * rng.normal(size=model.nv)))
     v = chain.mechanism.project_velocity(q, speed * rng.normal(size=model.nv))
     return q, v, 5.0 * rng.normal(size=model.nv)
+
+
+def pulled_rope(name: str, n: int) -> tuple[cp.Scenario, float, float]:
+    """A rope of n rods that two arms hold at the polygon of its weight, its pull, and the catenary's.
+
+    Rods turn by tan phi_k = k w / H from the middle one on, with the weight w of a rod.
+    """
+    scenario, mass, k = cp.Scenario.load(name), 0.6, np.arange(n) - (n - 1) / 2.0
+    fields, is_planar = scenario.model_dump(), scenario.cell.rows == "planar"
+    length, edges = (0.3 if is_planar else 0.44), np.ones(n)
+    edges[[0, -1]] = 0.5
+    edges *= length / edges.sum()
+    span = 0.9 * length
+    part = brentq(lambda part: edges @ np.cos(np.arctan(k * part)) - span, 1e-9, 1e3, xtol=1e-15)
+    phi, w = np.arctan(k * part), mass * 9.81 / (n - 1)
+    a = brentq(lambda a: 2.0 * a * np.sinh(span / 2.0 / a) - length, 1e-3, 50.0, xtol=1e-15)
+    payload = cp.Payload.chain(mass, length, links=n, axis="z" if is_planar else "y").model_dump()
+    for joint, turn in enumerate(np.diff(phi).tolist(), start=1):
+        payload["links"]["joints"][f"hinge{joint}"]["start"] = turn if is_planar else -turn
+    rise = float(edges[n // 2 + 1 :] @ np.sin(phi[n // 2 + 1 :]))
+    cell = fields["cell"]
+    cell |= {"payload": payload, "pads": {}} | ({"gravity": (0.0, -9.81, 0.0)} if is_planar else {})
+    for arm, rod, side in zip(cell["grasps"], ("rod0", f"rod{n - 1}"), (-0.5, 0.5), strict=True):
+        at = (side * span, rise, 0.0) if is_planar else (side * span, 0.0, rise)
+        cell["grasps"][arm] |= {"link": rod, "xyz": at}
+        cell["grasps"][arm].pop("kind", None)
+    fields["start"] |= {"rpy": (0.0, 0.0, 0.0)}
+    hold = {"kind": "hold", "pose": fields["start"]}
+    rope = cp.Scenario(**(fields | {"events": (), "motion": hold, "squeeze": {}, "duration": 2.0}))
+    return rope.override({"actuators.gravity_compensation": {}}), w / part, mass * 9.81 / length * a

@@ -173,7 +173,8 @@ class Lane:
             if name not in self._kept:
                 most = self._timeline.ticks // self._every + 2
                 self._kept[name] = np.empty((most, *values.shape[1:]), values.dtype)
-            self._kept[name][self._count : count] = values[kept]
+            # Signals that stay fold, over a part or the run: code of either has zeros of another sign.
+            self._kept[name][self._count : count] = values[kept] + 0.0
         return count
 
     def _result(self) -> RunResult:

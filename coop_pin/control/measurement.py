@@ -159,8 +159,9 @@ class ControlledArm(NamedTuple):
         oldest_wrench: Age that measured wrenches reach without being lost, ticks.
         base_drives: Number of its first drives that move a mobile base.
         way_out: Normal of the face on which it holds the payload by friction, out of it in payload axes,
-            shape (3,): it starts with the squeeze on. None with another grasp.
+            shape (3,). None with another grasp.
         grasp: Rows of its grasp, where that is a joint.
+        pressed: Whether it starts with the squeeze on: with a patch, or at an end of a rope that arms pull.
     """
 
     name: str
@@ -176,11 +177,7 @@ class ControlledArm(NamedTuple):
     base_drives: int = 0
     way_out: Array | None = None
     grasp: GraspRows | None = None
-
-    @property
-    def pressed(self) -> bool:
-        """Whether it holds the payload by friction."""
-        return self.way_out is not None
+    pressed: bool = False
 
 
 MEASURED = {

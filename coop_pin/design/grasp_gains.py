@@ -158,7 +158,7 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     for part in _ANCHORS if cell.payload.links is not None else _ANCHORS[:1]:
         law = _law(scenario, k * unit, gains | {"anchor_gain": part * anchor_of(scenario, T)[1]})
         suggested = with_steps(scenario.replace(controller=law.replace(posture=posture)), cell_reach)
-        if (loop := eigenvalues(suggested.replace(events=()))).ok:
+        if (loop := eigenvalues(suggested)).ok:
             break
     along = motion_stability(_simulation(suggested), cell_reach)
     if not (along.ok and loop.ok):

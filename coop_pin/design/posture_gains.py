@@ -70,10 +70,12 @@ def base_posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -
 
     ::
 
-        D_j = min(80, s M_jj),   T lambda_max((U^T M U)^-1 U^T s diag(M_jj) U) = 0.9,   stiffness 2 D_j
+        D_j = min(80, s M_jj),   T lambda_max((U^T M U)^-1 U^T s diag(M_jj) U) = 0.9
+        K_j = min(160, D_j / (5 T))
 
-    with the least M_jj of all arms along the motion: the spring of shoulder and elbow moves the base, and a
-    wrist that a joint makes spare bears only as much damping as its own inertia.
+    with the least M_jj of all arms along the motion: a wrist that a joint makes spare bears only as much
+    damping as its own inertia. The springs, which move the bases, stay: they are weak for the wrist that they
+    turn, which is beyond critical damping up to 0.9 D_j / (4 T).
 
     Raises:
         InfeasibleMotionError: cause "stability": the arms have drives of different numbers.
@@ -92,8 +94,9 @@ def base_posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -
     factor = T_LAMBDA / ((T + 2.0 * slowest_lag(scenario)) * largest)
     usual = float(np.max(_BASE_POSTURE.damping))
     damping = [rounded_down(min(usual, factor * entry)) if entry else 0.0 for entry in inertias.tolist()]
-    part = float(np.max(_BASE_POSTURE.stiffness)) / usual
-    return PostureGains(stiffness=tuple(part * entry for entry in damping), damping=tuple(damping))
+    spring = float(np.max(_BASE_POSTURE.stiffness))
+    stiffness = tuple(min(spring, rounded_down(entry / (5.0 * T))) if entry else 0.0 for entry in damping)
+    return PostureGains(stiffness=stiffness, damping=tuple(damping))
 
 
 def _arms(scenario: Scenario, cell_reach: Reachability) -> list[CellArm]:

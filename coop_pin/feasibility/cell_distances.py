@@ -151,20 +151,23 @@ class CellDistances:
             self._add(_Shape(f"{name}/{shape.link}", robot, shape.link, joint), pose, shape.geometry)
 
     def _add_payload(self) -> None:
-        """Add the shape of the payload, and of one with several links those of the others."""
-        payload, tree, robot = self._cell.payload, self._tree, self._payload
-        X_PS = self._model.frames[tree.payload_frame].placement * pin.SE3(payload.shape_pose.matrix)
-        self._add(_Shape(PAYLOAD, robot, "", tree.payload_joint), X_PS, payload_geometry(payload))
-        if (links := payload.links) is None or tree.linked is None:
-            return
-        shapes = link_shapes(links.text)
-        for link, X_LS, geometry in shapes:
-            if link != links.link:
+        """Add the shapes of the payload, or of its links; the link of P without any has its box."""
+        payload, tree, robot, has_shape = self._cell.payload, self._tree, self._payload, False
+        if (links := payload.links) is not None and tree.linked is not None:
+            shapes, omitted = link_shapes(links.text, links.file)
+            seen = {shape.link for shape in shapes}
+            for link, _, X_LS, geometry in shapes:
                 joint, X = tree.linked.held(link, X_LS)
-                self._add(_Shape(f"{PAYLOAD}/{link}", robot, link, joint), X, geometry)
-        seen = {links.link, *(link for link, *_ in shapes)}
-        bare = [name for name, body in links.bodies.items() if body.mass and name not in seen]
-        self.omitted += [f"{PAYLOAD}/{name}: no box, cylinder or sphere" for name in bare]
+                body, name = (PAYLOAD, "") if link == links.link else (f"{PAYLOAD}/{link}", link)
+                self._add(_Shape(body, robot, name, joint), X, geometry)
+            has_shape = links.link in seen
+            self.omitted += [f"{PAYLOAD}/{text}" for text in omitted]
+            told = seen | {links.link} | {text.partition(":")[0] for text in omitted}
+            bare = [name for name, body in links.bodies.items() if body.mass and name not in told]
+            self.omitted += [f"{PAYLOAD}/{name}: no shape" for name in bare]
+        if not has_shape:
+            X_PS = self._model.frames[tree.payload_frame].placement * pin.SE3(payload.shape_pose.matrix)
+            self._add(_Shape(PAYLOAD, robot, "", tree.payload_joint), X_PS, payload_geometry(payload))
 
     def _add(self, shape: _Shape, pose: pin.SE3, geometry: object) -> None:
         name = f"{len(self._shapes)} {shape.body}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Collection
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +15,7 @@ from coop_pin.base.errors import CoopPinError
 from coop_pin.base.user_files import read_user_file
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.payload import Payload
+from coop_pin.description.urdf import UrdfFile
 from coop_pin.description.urdf.xml import Element, read_document
 from coop_pin.model.geometry import Kind, can_be_read, geometry_objects, with_located_meshes, without_meshes
 from coop_pin.model.pinocchio_model import (
@@ -78,13 +78,7 @@ def arm_shapes(arm: Arm, without: Collection[str] = ()) -> ArmShapes:
 @lru_cache(maxsize=64)
 def _shapes(key: ModelKey, without: frozenset[str]) -> ArmShapes:
     whole, file = unreduced_of(key), key.file
-    kind: Kind = "collision" if "<collision" in whole.text else "visual"
-    text, files = with_located_meshes(whole.text, file, kind)
-    omitted = list[str]()
-    is_tried = file.origin == "user" and files  # those of packages were
-    if is_tried and not can_be_read(text, sum(path.stat().st_size for path in files), kind):
-        text = without_meshes(text, kind)
-        omitted.append("all meshes: reading one ends the process or takes too long")
+    kind, text, omitted = _located(whole.text, file)
     objects, problems = geometry_objects(whole.model, text, kind)
     omitted += [f"{link}: {problem}" for link, problem in problems.items()]
     model, geometry = whole.model, pin.GeometryModel()
@@ -96,22 +90,36 @@ def _shapes(key: ModelKey, without: frozenset[str]) -> ArmShapes:
     shapes = []
     for part in geometry.geometryObjects:
         link = part.name.rpartition("_")[0]
-        try:
-            convex = _convex(part.geometry)
-        except (RuntimeError, ValueError) as error:
-            omitted.append(f"{link}: {error}")
-            continue
-        pose = np.array(part.placement.homogeneous)
-        shapes.append(LinkShape(link, str(model.names[part.parentJoint]), pose, convex))
+        if (convex := _convex(part.geometry, link, omitted)) is not None:
+            pose = np.array(part.placement.homogeneous)
+            shapes.append(LinkShape(link, str(model.names[part.parentJoint]), pose, convex))
     return ArmShapes(tuple(shapes), kind, tuple(omitted))
 
 
-def _convex(geometry: Any) -> Any:
-    """Return the convex hull of a mesh; other shapes are convex."""
-    if not hasattr(geometry, "buildConvexHull"):
-        return geometry
-    geometry.buildConvexHull(True, "Qt")
-    return geometry.convex
+def _located(text: str, file: UrdfFile) -> tuple[Kind, str, list[str]]:
+    """Return the kind of a URDF's shapes, its text with the paths of their meshes, and what was left out."""
+    kind: Kind = "collision" if "<collision" in text else "visual"
+    text, files = with_located_meshes(text, file, kind)
+    is_tried = file.origin == "user" and files  # those of packages were
+    if is_tried and not can_be_read(text, sum(path.stat().st_size for path in files), kind):
+        return (
+            kind,
+            without_meshes(text, kind),
+            ["all meshes: reading one ends the process or takes too long"],
+        )
+    return kind, text, []
+
+
+def _convex(geometry: Any, link: str, omitted: list[str]) -> Any:
+    """Return the convex hull of a mesh; other shapes are convex. A flat one is left out with its reason."""
+    try:
+        if hasattr(geometry, "buildConvexHull"):
+            geometry.buildConvexHull(True, "Qt")
+            return geometry.convex
+    except (RuntimeError, ValueError) as error:
+        omitted.append(f"{link}: {error}")
+        return None
+    return geometry
 
 
 def payload_geometry(payload: Payload) -> Any:
@@ -125,28 +133,30 @@ def payload_geometry(payload: Payload) -> Any:
             mesh.addVertices(np.asarray(vertices, dtype=float))
             mesh.addTriangles(np.asarray(faces, dtype=np.int64))
             mesh.endModel()
-            with contextlib.suppress(RuntimeError, ValueError):
-                return _convex(mesh)
+            if (convex := _convex(mesh, "", [])) is not None:
+                return convex
     return pin.coal.Box(*payload.size)
 
 
-def link_shapes(text: str) -> list[tuple[str, Array, Any]]:
-    """Return link, pose in the link and shape of each shape of a payload of several links, but meshes.
+@lru_cache(maxsize=16)
+def link_shapes(text: str, file: UrdfFile | None) -> tuple[tuple[LinkShape, ...], tuple[str, ...]]:
+    """Return the shapes of a payload of several links in axes of the links, and which are left out, and why.
 
     Args:
         text: the URDF; where it has no collision elements, those to draw count.
+        file: file of the URDF, beside which its meshes are; None without.
     """
-    kind: Kind = "collision" if "<collision" in text else "visual"
-    bare = without_meshes(text, kind)
-    model = model_from_text(bare, "the payload")
-    return [
-        (
-            model.frames[part.parentFrame].name,
-            np.array(model.frames[part.parentFrame].placement.actInv(part.placement).homogeneous),
-            part.geometry,
-        )
-        for part in geometry_objects(model, bare, kind)[0]
-    ]
+    kind, located, omitted = _located(text, file or UrdfFile(Path("text"), ()))
+    model = model_from_text(located, "the payload")
+    objects, problems = geometry_objects(model, located, kind)
+    omitted += [f"{link}: {problem}" for link, problem in problems.items()]
+    shapes = []
+    for part in objects:
+        link = model.frames[part.parentFrame]
+        if (convex := _convex(part.geometry, link.name, omitted)) is not None:
+            pose = np.array(link.placement.actInv(part.placement).homogeneous)
+            shapes.append(LinkShape(link.name, str(model.names[part.parentJoint]), pose, convex))
+    return tuple(shapes), tuple(omitted)
 
 
 def srdf_of(arm: Arm) -> Path | None:

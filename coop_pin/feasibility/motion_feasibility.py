@@ -76,12 +76,12 @@ def closure_problem(scenario: Scenario) -> str:
     model = chain.mechanism.model
     away = _NEARBY * np.random.default_rng(0).normal(size=model.nv)
     near = pin.integrate(model, q, away)
-    if (
-        scenario.cell.jointed or chain.joints is not None
-    ):  # planar arms keep a payload in their plane by joints
-        try:
-            near = chain.mechanism.project_configuration(near)
-        except OpenClosureError:
+    if scenario.cell.jointed or chain.joints is not None:  # they keep a payload in the plane of its arms
+        for part in (1.0, _NEARBY) if scenario.cell.is_pulled else (1.0,):  # a rope's slack is small
+            with contextlib.suppress(OpenClosureError):
+                near = chain.mechanism.project_configuration(pin.integrate(model, q, part * away))
+                break
+        else:
             return "the closed chain is singular at the start: nothing near it is closed, as of a taut chain"
     here, nearby = (chain.mechanism.rank(at) for at in (q, near))
     if here >= nearby:

@@ -20,6 +20,8 @@ _RANK = 1e-9
 """Ratio below which singular values of closures are zero."""
 _SWEEPS, _AT_REST = 100, 1e-11
 """Most steps of Newton's method for angles at rest, and the moment or force that is none, N m or N."""
+_BENT = 1e-2
+"""Angles or travels by which joints are moved, one more than the other, to see whether a rope is straight."""
 _APART = 1e-6
 """Distance or angle from which on P is not where it is to be, m or rad."""
 _NEUTRAL = 1e-9
@@ -101,8 +103,17 @@ class PayloadJoints:
 
         The whole payload hangs on the arms at the angles that it has: F_i = c_i W(q), of a free payload the
         weight of all links with its moment about P. With a base the arms hold what the joint that moves P
-        does not: weight and spring.
+        does not: weight and spring. The ends of a rope are pulled, too, by what keeps its joints at rest.
         """
+        loads = self._shared_loads(q, X_WP)
+        if not self._cell.is_pulled:
+            return loads
+        A = self._internal_moments(q, X_WP)
+        pull = np.linalg.lstsq(A, -self._moments(q, X_WP), rcond=_RANK)[0]
+        return np.asarray(loads + self._opposed(np.asarray(pull), X_WP))
+
+    def _shared_loads(self, q: Array, X_WP: Array) -> Array:
+        """Return the arms' parts of the weight, shape (m, 6)."""
         links, linked, cell = self._cell.payload.links, self.linked, self._cell
         assert links is not None
         model, data, R = self._tree.model, self._tree.model.createData(), X_WP[:3, :3]
@@ -112,11 +123,9 @@ class PayloadJoints:
             X_PR = pin.SE3(X_WP).actInv(data.oMi[linked.root])
             entry = int(model.idx_vs[linked.root])
             W = X_PR.act(pin.Force(-g[entry : entry + 6])).vector
-        else:
-            s, Q_inverse = links.freedom, np.repeat((1.0, cell.split_length**2), 3)
-            at = int(model.idx_vs[linked.joint])
-            held = self.state(q, np.zeros(model.nv)).force[at] - g[at]
-            W = Q_inverse * s * held / (s @ (Q_inverse * s))
+        else:  # any wrench that does the work of weight and spring: the split takes the least one
+            s, at = links.freedom, int(model.idx_vs[linked.joint])
+            W = s * (self.state(q, np.zeros(model.nv)).force[at] - g[at]) / (s @ s)
         if not cell.splits_load:
             return np.outer(cell.shares, rotate_vector6(R, W))
         return rotate_vector6(R, cell.loads_within([True] * len(cell.arms)) @ W)
@@ -124,11 +133,14 @@ class PayloadJoints:
     def at_rest(self, q: Array, X_WP: Array) -> Array:
         """Return a configuration with P at a pose and the joints at rest under weights, springs and arms.
 
-        The arms hold their parts of the weight, as of ``loads``. Joints that nothing returns stay.
+        The arms hold their parts of the weight, as of ``loads``. Joints that nothing returns stay. The ends
+        of a rope keep the pose to one another at which they are held.
 
         Raises:
             FieldError: no angles at rest are near the start.
         """
+        if self._cell.is_pulled:
+            return self._pulled(q, X_WP)
         linked, v = self.linked, np.zeros(self._tree.model.nv)
         q = linked.configured(q, X_WP)
         free = np.ones(len(self.stiffness), dtype=bool)
@@ -148,11 +160,61 @@ class PayloadJoints:
             if np.abs(step).max() < 1e-15:
                 break
         else:
-            detail = (
-                "has joints without angles at rest near their start, as a chain that its arms pull taut has"
-            )
-            raise FieldError(detail, "cell.payload.links")
+            raise FieldError("has joints without angles at rest near their start", "cell.payload.links")
         return q
+
+    def _pulled(self, q: Array, X_WP: Array) -> Array:
+        """Return the configuration of ``at_rest`` of a rope by Newton's method.
+
+        ::
+
+            m(q) + A l = 0,    d_i(q) = d_m(q)
+
+        with the moments m of weights, A l of opposed wrenches l of the arms on its ends, and the displacement
+        d_i of grasp i from where it is stated, about P.
+        """
+        linked, n = self.linked, len(self.stiffness)
+        q, v = linked.configured(q, X_WP), np.zeros(self._tree.model.nv)
+        pull = np.zeros(6 * (len(self._tree.arms) - 1))
+        for _ in range(_SWEEPS):
+            A, gap = self._internal_moments(q, X_WP), self._gap(q, X_WP)
+            moment = self._moments(q, X_WP, pull)
+            if max(np.abs(moment).max(), np.abs(gap).max()) < _AT_REST:
+                v[linked.v_slice] = _BENT * np.arange(n)
+                bent = self._internal_moments(pin.integrate(self._tree.model, q, v), X_WP)
+                if np.linalg.matrix_rank(A, _RANK) == np.linalg.matrix_rank(bent, _RANK):
+                    return q
+                break
+            slope = self._slope(q, X_WP, np.ones(n, dtype=bool), pull)
+            system = np.block([[slope, A], [A.T, np.zeros((len(gap), len(gap)))]])
+            step = np.linalg.lstsq(system, np.concatenate((-moment, gap)), rcond=_RANK)[0]
+            part = min(1.0, 0.3 / np.abs(step[:n]).max())
+            v[linked.v_slice], pull = part * step[:n], pull + part * step[n:]
+            q = linked.configured(pin.integrate(self._tree.model, q, v), X_WP)
+        detail = (
+            "has no angles at rest between its arms: straight, its pull is unbounded; state a shorter span"
+        )
+        raise FieldError(f"{detail} by start angles of its joints", "cell.payload.links")
+
+    def _opposed(self, pull: Array, X_WP: Array) -> Array:
+        """Return wrenches on the arms about P in world axes, of those on all but the last in payload axes."""
+        on_arms = pull.reshape(-1, 6)
+        return rotate_vector6(X_WP[:3, :3], np.vstack((on_arms, -on_arms.sum(axis=0))))
+
+    def _internal_moments(self, q: Array, X_WP: Array) -> Array:
+        """Return A, the moments on the joints by ``_opposed`` wrenches, shape (n, 6 (m - 1))."""
+        size = 6 * (len(self._tree.arms) - 1)
+        return np.array([self._pushed(q, X_WP, self._opposed(pull, X_WP)) for pull in np.eye(size)]).T
+
+    def _gap(self, q: Array, X_WP: Array) -> Array:
+        """Return the displacements d_i - d_m of the grasps, shape (6 (m - 1),)."""
+        model, data, moved = self._tree.model, self._tree.model.createData(), list[Array]()
+        pin.framesForwardKinematics(model, data, q)
+        for slot in self._tree.arms:
+            X_PG = pin.SE3(X_WP).actInv(data.oMf[model.getFrameId(f"payload/{slot.name}")])
+            stated = pin.SE3(self._cell.grasps[slot.name].matrix)
+            moved.append(pin.log6(X_PG * stated.inverse()).vector)
+        return np.concatenate([each - moved[-1] for each in moved[:-1]])
 
     def require_reached(self, q: Array, X_WP: Array) -> None:
         """Refuse a pose of P that the joint of a payload with a base does not reach.
@@ -167,7 +229,7 @@ class PayloadJoints:
             detail = f"is {size:.2g} m or rad from where the payload's joint on its base can be"
             raise FieldError(detail, "start")
 
-    def _slope(self, q: Array, X_WP: Array, free: Array) -> Array:
+    def _slope(self, q: Array, X_WP: Array, free: Array, pull: Array | None = None) -> Array:
         """Return the derivatives of the moments by the free angles, by central differences."""
         h, columns = 1e-6, list[Array]()
         for at in np.flatnonzero(free) + self.linked.v_slice.start:
@@ -176,16 +238,21 @@ class PayloadJoints:
                 v = np.zeros(self._tree.model.nv)
                 v[at] = sign
                 near = self.linked.configured(pin.integrate(self._tree.model, q, v), X_WP)
-                ends.append(self._moments(near, X_WP)[free])
+                ends.append(self._moments(near, X_WP, pull)[free])
             columns.append((ends[0] - ends[1]) / (2.0 * h))
         return np.array(columns).T
 
-    def _moments(self, q: Array, X_WP: Array) -> Array:
+    def _moments(self, q: Array, X_WP: Array, pull: Array | None = None) -> Array:
         """Return the moments on the joints at rest of springs, weights and arms, shape (n,)."""
-        model, data = self._tree.model, self._tree.model.createData()
-        tau = self._still(q)
+        loads = self._shared_loads(q, X_WP)
+        loads = loads if pull is None else loads + self._opposed(pull, X_WP)
+        return self._still(q)[self.linked.v_slice] + self._pushed(q, X_WP, loads)
+
+    def _pushed(self, q: Array, X_WP: Array, loads: Array) -> Array:
+        """Return the moments on the joints by wrenches on the arms about P in world axes, shape (n,)."""
+        model, data, tau = self._tree.model, self._tree.model.createData(), np.zeros(self._tree.model.nv)
         pin.framesForwardKinematics(model, data, q)
-        for slot, F in zip(self._tree.arms, self.loads(q, X_WP), strict=True):
+        for slot, F in zip(self._tree.arms, loads, strict=True):
             frame = model.getFrameId(f"payload/{slot.name}")
             lever = X_WP[:3, 3] - data.oMf[frame].translation
             J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)

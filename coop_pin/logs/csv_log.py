@@ -68,17 +68,17 @@ def _topic(
         )
     if not len(time):
         raise FileReadError(f"topic {name!r} has no samples", str(file))
-    components = tuple(fields[next(iter(FIELDS[kind]))]) if kind == "JointState" else ()
+    first, *others = FIELDS[kind]
+    components = tuple(fields.get(first, next(iter(fields.values())))) if kind == "JointState" else ()
     topic = Topic(kind, time * second, {}, components)
     read = {}
-    for field in FIELDS[kind]:
-        if field in fields:
-            parts = topic.components(field)
-            if missing := [part for part in parts if part not in fields[field]]:
+    for field in (first, *others):
+        if field in fields or field == first or kind != "JointState":
+            parts, columns = topic.components(field), fields.get(field, {})
+            if missing := [part for part in parts if part not in columns]:
                 raise FileReadError(f"has no column {name}.{field}.{missing[0]}", str(file))
-            read[field] = np.stack([fields[field][part] for part in parts], axis=1)
-    first = read[next(iter(FIELDS[kind]))]
-    has = np.isfinite(first).all(axis=1) & np.isfinite(time)
+            read[field] = np.stack([columns[part] for part in parts], axis=1)
+    has = np.isfinite(read[first]).all(axis=1) & np.isfinite(time)
     return topic._replace(time=topic.time[has], values={field: values[has] for field, values in read.items()})
 
 

@@ -144,8 +144,10 @@ class Record:
             file: file that has them, for messages.
 
         Raises:
-            FileReadError: a joint is missing.
+            FileReadError: a joint is missing, or a number.
         """
+        for name, topic in topics.items():
+            topic.require_numbers(name, file)
         log, arms = table_of(scenario), {}
         zero = min(float(topics[arm.joints].time[0]) for arm in log.arms.values())
         for name in scenario.cell.arms:

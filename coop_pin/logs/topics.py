@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FileReadError
 from coop_pin.description.log_table import ArmLog, LogTable
 from coop_pin.description.scenario import Scenario
 
@@ -38,6 +42,24 @@ class Topic(NamedTuple):
     def components(self, field: str) -> tuple[str, ...]:
         """Return the names of the components of a field."""
         return self.joints if self.kind == "JointState" else tuple(FIELDS[self.kind][field])
+
+    def require_numbers(self, name: str, file: Path) -> None:
+        """Refuse samples without a number, but in rates and efforts of joints, which need not be logged.
+
+        Args:
+            name: name of the topic.
+            file: file that has it.
+
+        Raises:
+            FileReadError: with column, sample and time of the first one.
+        """
+        for field in ("position",) if self.kind == "JointState" else FIELDS[self.kind]:
+            for row, column in np.argwhere(~np.isfinite(self.values[field]))[:1]:
+                raise FileReadError(
+                    f"column {name}.{field}.{self.components(field)[column]} has no number in row {row + 1}"
+                    f" of the topic, at {self.time[row]:.9g} s; write one there, or leave this sample out",
+                    str(file),
+                )
 
 
 def table_of(scenario: Scenario) -> LogTable:

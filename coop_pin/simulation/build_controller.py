@@ -99,4 +99,5 @@ def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
         base_drives=model.base_joints,
         way_out=cell.way_out(name) if name in cell.patches else None,
         grasp=cell.grasp_rows(name) if name in cell.jointed else None,
+        pressed=name in cell.patches or cell.is_pulled,
     )

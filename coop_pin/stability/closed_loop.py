@@ -98,6 +98,8 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     the run is at rest this is its linear model; while it moves it is that of the moment. No message is lost
     or rounded.
 
+    At time 0 a payload with joints is held: the joint of a hanging link runs away from a motion that starts.
+
     ``sampled_motion`` is the motion's part of it alone, in closed form, without friction, force path and
     memories: much faster, for many poses and lags.
 
@@ -118,6 +120,8 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
         raise OutOfRangeError("time", time, "at least 0 and finite")
     period = scenario.clock.period
     smooth, arms = _smooth(scenario), list(scenario.cell.arms)
+    if time == 0.0 and scenario.cell.payload.links is not None:
+        smooth = smooth.override({"motion": {"kind": "hold", "pose": scenario.start.model_dump()}})
     age = smooth.oldest_wrench
     cycles = [wrist.every for wrist in smooth.wrists]
     if (network := smooth.network) is not None:
@@ -131,11 +135,14 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     tick = TickMap(simulation, N)
     A, outputs, constants = tick.jacobian()
     z, vectors = np.linalg.eig(A)
+    is_one = np.abs(z - 1.0) < _ONE
+    # Memories that stay have errors of the differences in what nothing returns.
+    of_ones = np.ix_(np.arange(len(A)) < tick.moving, is_one)
+    vectors[of_ones] *= np.abs(vectors[of_ones]) > _ONE
     names = [
         tick.mode_name(vector, output)
         for vector, output in zip(vectors.T, (outputs @ vectors).T, strict=True)
     ]
-    is_one = np.abs(z - 1.0) < _ONE
     order = [k for k in np.argsort(-np.abs(z)) if abs(z[k]) > _GONE]
     modes = [Mode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
     ones = [names[k] for k in order if is_one[k]]

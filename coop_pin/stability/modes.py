@@ -25,7 +25,8 @@ class Mode(NamedTuple):
 
     Attributes:
         z: factor from tick to tick.
-        name: name of what moves: joints, or "payload along x", "posture of left", "internal force along x".
+        name: name of what moves: joints, or "payload along x", "payload's joint hinge", "posture of left",
+            "internal force along x".
         period: T, s.
         joints: joints that move most, as arm/joint, the fastest first; of modes of the motion alone.
         is_spare: whether most of it leaves the task rows of the payload at rest; likewise.

@@ -36,6 +36,9 @@ class TickMap:
     x holds the motions y that the closures leave, their speeds w, and memories: forces of the drives just
     before the tick, torques in lag, torques that drives have reported, sensors and force path, the law,
     servos, messages.
+
+    Attributes:
+        moving: number of the entries y and w.
     """
 
     def __init__(self, simulation: Simulation, ticks: int) -> None:
@@ -48,6 +51,7 @@ class TickMap:
         self._simulation, self._ticks, self._origin = simulation, ticks, simulation.state()
         chain, q = simulation.chain, simulation.plant.q
         self._chain, self._motions = chain.mechanism, Motions.at(chain, q)
+        self._linked = chain.model.linked
         self._arms, self._rows, self._R_WP = (
             chain.model.arms,
             chain.cell.task_rows,
@@ -56,6 +60,7 @@ class TickMap:
         self._driven = np.concatenate([np.r_[slot.v_slice] for slot in self._arms])
         self._shares = np.array([chain.cell.share(slot.name) for slot in self._arms])
         self._basis = self._motions.basis
+        self.moving = 2 * self._basis.shape[1]
         self._end = self._origin
 
     def jacobian(self) -> tuple[Array, Array, int]:
@@ -108,7 +113,12 @@ class TickMap:
             return f"internal {kind} {_axis(self._rows.axes[row])}{of_arm}"
         if self._motions.is_spare(y):
             speeds = np.abs(self._basis @ y)
-            return f"posture of {max(self._arms, key=lambda slot: np.linalg.norm(speeds[slot.v_slice])).name}"
+            mover = max(self._arms, key=lambda slot: np.linalg.norm(speeds[slot.v_slice]))
+            if (linked := self._linked) is not None:
+                of_joints = speeds[linked.v_slice]
+                if np.linalg.norm(of_joints) > np.linalg.norm(speeds[mover.v_slice]):
+                    return f"payload's joint {linked.joint_names[np.argmax(of_joints)]}"
+            return f"posture of {mover.name}"
         return f"payload {_axis(self._rows.axes[np.argmax(np.abs(self._motions.payload @ y))])}"
 
     def _response(self, deviation: Array) -> Array:

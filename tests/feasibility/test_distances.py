@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import re
 import time
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from cells import SCENARIOS
 from lifts import planar_cell, planar_robot, spatial_cell, spatial_robot
 from linked_cells import linked
@@ -66,6 +68,30 @@ def test_links_of_a_payload_have_distances_in_closed_form(name, gap):
     assert {end for _, end in held} == {"payload/rod0", "payload/rod4"}
     result = cp.run(scenario.replace(duration=0.02), warn=False)
     assert recorded_distances(result).least[-1] != distances(scenario, poses=5).least[0]
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", pytest.param("two-pandas-box", marks=pytest.mark.gate)])
+def test_meshes_of_links_of_a_payload_count_by_their_hulls_or_are_named(name, tmp_path):
+    scenario = linked(name, "lid")
+    payload = scenario.cell.payload.model_dump()
+    boxes = payload["links"]["urdf"]
+    trimesh.creation.box((0.4, 0.01, 0.16)).export(tmp_path / "lid.stl")
+    q = [np.zeros(CellArm(scenario.cell, arm).nq) for arm in scenario.cell.arms]
+
+    def bodies(text: str) -> CellDistances:
+        (tmp_path / "payload.urdf").write_text(text)
+        payload["links"]["urdf"] = str(tmp_path / "payload.urdf")
+        return CellDistances(scenario.cell.replace(payload=payload))
+
+    ours = bodies(boxes)
+    meshed = bodies(re.sub(r'<box size="0.4 0.01 0.16"/>', '<mesh filename="lid.stl"/>', boxes))
+    assert ours.pairs == meshed.pairs
+    assert any("payload/lid" in pair for pair in meshed.pairs)
+    at = [each.at(each.configuration(q, np.eye(4), links=np.array([0.7]))) for each in (ours, meshed)]
+    assert_allclose(at[1], at[0], rtol=0.0, atol=1e-6)
+    absent = bodies(re.sub(r'<box size="0.4 0.01 0.16"/>', '<mesh filename="none.stl"/>', boxes))
+    assert [text.partition(":")[0] for text in absent.omitted] == ["payload/lid"]
+    assert not any("payload/lid" in pair for pair in absent.pairs)
 
 
 def with_table(scenario: cp.Scenario, **changes) -> cp.Scenario:

@@ -15,7 +15,6 @@ from coop_pin.base.errors import ArgumentError, FieldError
 from coop_pin.base.spatial import task_rows
 from coop_pin.base.spatial.grasp_rows import (
     GraspRows,
-    internal_dimension,
     transmits,
     transmitted_loads,
     unheld_motion,
@@ -52,6 +51,12 @@ def rows(kind: str, p, axis=(0.0, 0.0, 1.0), task=FULL) -> GraspRows:
     grasp = GraspRows.of(task, X.homogeneous, [k in HELD[kind] for k in range(6)])
     assert grasp is not None
     return grasp
+
+
+def internal_dimension(wrenches: list[np.ndarray]) -> int:
+    """Dimension of null(G)."""
+    G = np.hstack(wrenches)
+    return G.shape[1] - np.linalg.matrix_rank(G, 1e-6)
 
 
 def pair(first: str, second: str) -> list[np.ndarray]:
@@ -426,10 +431,9 @@ def test_a_proposal_beside_joints_is_stable_by_half_and_damps_the_light_wrist():
 def on_bases() -> cp.Scenario:
     """Three UR5 on bases, one of which holds by a hinge: its wrist bears a tenth of the others' damping.
 
-    Over 2 m; over 3 m in the same time bases and arms press each other with 1.08 N, and 1.01 N is allowed.
+    With a tenth of their spring as well, all bases swing at 0.78 rad/s and press each other with 1.08 N.
     """
-    changes = {"cell.split_length": 0.3, "motion.goal.xyz": (2.0, 0.0, 0.78)}
-    return jointed("three-driven-ur5", {"arm1": "hinge"}, **changes)
+    return jointed("three-driven-ur5", {"arm1": "hinge"}, **{"cell.split_length": 0.3})
 
 
 @pytest.mark.slow

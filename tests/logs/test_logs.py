@@ -138,12 +138,26 @@ def test_what_a_file_does_not_have_is_named(scenario, tmp_path):
     path.write_text(text.replace(".joint_1", ".elbow"))
     with pytest.raises(FileReadError, match="joint_1"):
         cp.logs.Record.load(path, scenario)
+    path.write_text(text.replace("left/wrench.force", "left/wrench.pull"))
+    with pytest.raises(FileReadError, match="force"):
+        cp.logs.Record.load(path, scenario)
     path.write_text(text.splitlines()[0])
     with pytest.raises(FileReadError, match="samples"):
         cp.logs.Record.load(path, scenario)
     path.write_text(text.replace("time", "t", 1))
     with pytest.raises(FileReadError, match="time"):
         cp.logs.Record.load(path, scenario)
+
+
+def test_a_sample_without_a_moment_is_named_by_column_and_row(scenario, tmp_path):
+    record, path = made(scenario), tmp_path / "log.csv"
+    record.arms["left"].wrench[17, 5] = np.nan
+    write_csv(record.topics(scenario), path)
+    with pytest.raises(FileReadError, match=r"/left/wrench\.torque\.z .* row 18 "):
+        cp.logs.Record.load(path, scenario)
+    record.arms["left"].wrench[17] = np.nan  # a row of which the topic has no sample
+    write_csv(record.topics(scenario), path)
+    assert len(cp.logs.Record.load(path, scenario).arms["left"].wrench) == len(record.arms["left"].wrench) - 1
 
 
 def test_an_mcap_file_that_is_cut_or_foreign_is_refused(scenario, tmp_path):

@@ -144,6 +144,21 @@ def test_tools_links_free_payloads_balls_and_shared_joints_move_as_on_pinocchio(
     assert theirs.energy_balance_max() < ours.energy_balance_max() + 1e-8
 
 
+@pytest.mark.gate
+def test_joints_drift_apart_only_where_the_check_says_that_the_law_is_unstable():
+    """A wrist that a ball leaves spare, with T D / I above 2, makes 1e-8 rad 4e-3 in 0.4 s; below, 5e-9."""
+    kinds, apart = {"left": "hinge", "right": "ball"}, []
+    scenario = jointed("two-pandas-box", kinds).override({"events": (), "duration": 0.4})
+    for damping in (8.0, 0.5):
+        changed = scenario.override({"controller.posture.damping": damping})
+        ours, theirs = (cp.run(changed, engine=engine, warn=False) for engine in ("pinocchio", "mujoco"))
+        gap = np.abs(theirs.data.configuration.values - ours.data.configuration.values).max()
+        apart.append((gap, cp.stability.sampled_stability(changed).ok))
+    assert [ok for _, ok in apart] == [False, True]
+    assert apart[0][0] > 1e-3
+    assert apart[1][0] < 2e-8
+
+
 @pytest.mark.parametrize("name", ["planar", "spatial", "continuous", "planar hinges", "spatial hinges"])
 def test_without_closures_accelerations_are_those_of_the_articulated_body_algorithm(name):
     scenario, rng = CASES[name][0](), np.random.default_rng(0)

@@ -85,16 +85,6 @@ class GraspRows(TaskRows):
         return FullRows().twist_shift(displacement)[np.ix_(self.indices, self.indices)]
 
 
-def internal_dimension(wrenches: Sequence[Array]) -> int:
-    """Return the dimension of the internal wrenches, null(G) with G = [B_1, ..., B_m].
-
-    Args:
-        wrenches: B_i of ``GraspRows.wrenches`` of all arms, shape (k_0, k_i) each.
-    """
-    G = np.hstack(list(wrenches))
-    return G.shape[1] - int(np.linalg.matrix_rank(G, _RANK * np.linalg.norm(G, 2)))
-
-
 def unheld_motion(wrenches: Sequence[Array]) -> Array | None:
     """Return a twist of the payload that no grasp holds, G^T V = 0, shape (k_0,); None if there is none."""
     V, sizes, _ = np.linalg.svd(np.hstack(list(wrenches)))

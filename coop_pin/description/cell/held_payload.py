@@ -270,6 +270,16 @@ class HeldPayload(Description):
         return {name: link for name, link in named.items() if link}
 
     @property
+    def is_pulled(self) -> bool:
+        """Whether arms hold links with a joint without a spring between them, as the ends of a rope."""
+        links = self.payload.links
+        if links is None or links.base is not None or self.tools or self.jointed:
+            return False
+        sides = [links.robot.movers(self.held_links.get(name, links.link)) for name in self.arms]
+        between = {name for side in sides for name in side if not all(name in other for other in sides)}
+        return any(not links.joint(name).stiffness for name in between)
+
+    @property
     def splits_load(self) -> bool:
         """Whether ``loads_within`` splits the load: beside joints, or of a payload with a base."""
         links = self.payload.links

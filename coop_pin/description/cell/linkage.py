@@ -13,7 +13,7 @@ from coop_pin.base.errors import FieldError, suggestion
 from coop_pin.base.schema.base import Description, Name, NotNegative
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, shift_wrench
-from coop_pin.description.urdf import find_urdf, load_checked, text_checked
+from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.robot import Robot, links_of
 
 Count = Annotated[int, Field(ge=3, le=1000)]
@@ -162,9 +162,12 @@ class Linkage(Description):
 
     @cached_property  # analyses ask at every pose of a motion
     def _text(self) -> str:
-        if self.urdf.lstrip().startswith("<"):
-            return text_checked(self.urdf)
-        return load_checked(find_urdf(self.urdf))
+        return text_checked(self.urdf) if self.file is None else load_checked(self.file)
+
+    @property
+    def file(self) -> UrdfFile | None:
+        """File of the URDF; None of a text."""
+        return None if self.urdf.lstrip().startswith("<") else find_urdf(self.urdf)
 
     @property
     def robot(self) -> Robot:
