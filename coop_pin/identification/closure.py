@@ -7,10 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.spatial.transform import Rotation
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import log3
-from coop_pin.identification.filtering import deflection, position_noise, sample_times
+from coop_pin.identification.filtering import APART, deflection, position_noise, sample_times, smoothing
 from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
@@ -180,14 +182,18 @@ class ViewClosure:
     ) -> None:
         """Choose samples by how far the joints move, and look at how errors move the views there."""
         self.arms, self.rows = arms, next(iter(arms.values())).rows
-        self._splines = {name: _spline(record.arms[name]) for name in arms}
-        self._springs = {
-            name: deflection(record.arms[name], arm.stiffness)
-            for name, arm in arms.items()
-            if arm.stiffness is not None and len(record.arms[name].wrench_time)
-        }
-        self.times = sample_times(record)
+        self._springs = {}
+        for name, arm in arms.items():
+            if arm.stiffness is not None and len(record.arms[name].wrench_time):
+                q = arm.configuration(record.arms[name].position[0])
+                self._springs[name] = deflection(record.arms[name], arm.stiffness, arm.spring_lag(q))
+        self._splines = {name: _spline(record.arms[name], bool(self._springs)) for name in arms}
         self.noise = noise or {name: position_noise(record.arms[name]) for name in arms}
+        apart, self._smooths = APART, 1.0
+        if self._springs:
+            width = smoothing(record.arms[next(iter(arms))].time)
+            apart, self._smooths = width // 2, float(np.linalg.norm(savgol_coeffs(width, 3)))
+        self.times = sample_times(record, apart)
         everything, sds = kinematic_parameters(arms, priors)
         _, J = self._evaluate(np.zeros(len(sds)), np.ones(len(sds), dtype=bool))
         self._is_free = (np.abs(J).max(axis=(0, 1)) > 1e-9) & (sds > 0.0)
@@ -201,11 +207,17 @@ class ViewClosure:
         view = view_of(arm, self.joints(name, times + late)[0] - offset)
         if name not in self._springs:
             return view
-        off = self._springs[name][0](times + late)
-        slack = np.tile(np.eye(4), (len(off), 1, 1))
-        slack[:, :3, :3] += np.swapaxes(np.cross(off[:, None, 3:], np.eye(3)), 1, 2)
+        return view._replace(pose=view.pose @ arm.X_PE @ np.linalg.inv(self.tip(name, times + late)))
+
+    def tip(self, name: str, times: Array) -> Array:
+        """Return the pose of a tip in the payload frame at times of its clock, shape (n, 4, 4)."""
+        X = np.tile(self.arms[name].X_PE, (len(times), 1, 1))
+        if name not in self._springs:
+            return X
+        off, slack = self._springs[name][0](times), np.tile(np.eye(4), (len(times), 1, 1))
+        slack[:, :3, :3] = Rotation.from_rotvec(off[:, 3:]).as_matrix()
         slack[:, :3, 3] = off[:, :3]
-        return view._replace(pose=view.pose @ arm.X_PE @ np.linalg.inv(arm.X_PE @ slack))
+        return np.asarray(X @ slack)
 
     def joints(self, name: str, times: Array) -> tuple[Array, Array]:
         """Return joint positions and velocities of an arm at times, shape (n, nv); its ends beyond them."""
@@ -259,7 +271,7 @@ class ViewClosure:
         of_arms = []
         for name in self.arms:
             view = self.view(name, self.times)
-            J = view.jacobian[:, rows] * self.noise[name]
+            J = view.jacobian[:, rows] * (self.noise[name] * self._smooths)
             if name in self._springs:
                 tip = columns(view, self.arms[name])[:, rows, :6] * self._springs[name][1]
                 J = np.concatenate((J, tip), axis=2)
@@ -326,7 +338,8 @@ class ViewClosure:
         return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))
 
 
-def _spline(record: ArmRecord) -> CubicSpline:
+def _spline(record: ArmRecord, smooths: bool) -> CubicSpline:
     """Return the joint positions as functions of the arm's time; stamps that repeat are left out."""
     time, kept = np.unique(record.time, return_index=True)
-    return CubicSpline(time, record.position[kept])
+    q = record.position[kept]
+    return CubicSpline(time, savgol_filter(q, smoothing(time), 3, axis=0) if smooths else q)

@@ -7,16 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter, savgol_coeffs, savgol_filter
+from scipy.spatial.transform import Rotation
 
 from coop_pin.base.arrays import Array
+from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.logs.record import ArmRecord, Record
 
 WINDOW = 0.2
 """Width of the Hann kernel, s; what is faster is in no equation of motion that is fitted."""
 _EXACT_ANGLE = 1e-6
 """Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
-_POSES, _APART = 600, 3
+_POSES, APART = 600, 3
 """Poses that are fitted, and samples from one to the next, at least."""
+_SOLVES, _SPRUNG = 30, 1e-3
+"""Steps to the turn of a spring, and the part of its largest deflection to which its law is true."""
 MARGIN = 0.25
 """Time at both ends of a record that clocks may shift, s."""
 _EXACT = 3e-5
@@ -66,24 +71,45 @@ class Filtered(NamedTuple):
     torque_noise: Array
 
 
-def deflection(arm: ArmRecord, stiffness: Array) -> tuple[CubicSpline, Array]:
-    """Return how far a spring lets a tip off its grasp frame, as a function of time, and its noise.
+def smoothing(times: Array) -> int:
+    """Return the samples of a cubic fit over a window, which leaves what a slow motion does as it is."""
+    return max(round(WINDOW / float(np.median(np.diff(times)))) | 1, 5)
 
-    ``-F / K`` of the filtered wrench in axes of the tip, m and rad, shapes (n, 6) and (6,).
+
+def deflection(arm: ArmRecord, stiffness: Array, lag: Array) -> tuple[CubicSpline, Array]:
+    """Return where a spring lets the tip be in its grasp frame, as a function of time, and its noise.
+
+    Position and rotation vector by the equation of CompliantGrasp, with the wrench turned from axes of the
+    tip; smoothed as the positions of the joints, since both swing together faster than a motion.
 
     Args:
         arm: record of the arm.
         stiffness: K, N/m and N m/rad, shape (6,).
+        lag: D / K, s, shape (6,).
+
+    Returns:
+        m and rad, shapes (n, 6) and (6,).
     """
     time, kept = np.unique(arm.wrench_time, return_index=True)
-    width = max(round(WINDOW / float(np.median(np.diff(time)))), 4)
-    kernel = np.hanning(width + 2)[1:-1]
-    smooth = [
-        np.convolve(np.pad(one, width, "edge"), kernel / kernel.sum(), "same") for one in arm.wrench[kept].T
+    force, moment = arm.wrench[kept, :3], arm.wrench[kept, 3:]
+    spring, turn = SpringDamper.of(stiffness[None], np.zeros((1, 6))), np.zeros_like(force)
+    for _ in range(_SOLVES):
+        turned = Rotation.from_rotvec(turn)
+        R, p = turned.as_matrix(), -turned.apply(force) / stiffness[:3]
+        missing = spring.elastic(p, R)[:, 3:] - turned.apply(moment)
+        turn = turn + missing / stiffness[3:]
+    off, step = np.hstack((p, turn)), float(np.median(np.diff(time)))
+    late = np.exp(-step / np.maximum(lag, 1e-9))
+    damped = [
+        lfilter((0.0, 1.0 - a), (1.0, -a), one - one[0]) + one[0] for a, one in zip(late, off.T, strict=True)
     ]
-    off = -np.array(smooth)[:, width:-width].T / stiffness
+    width = smoothing(time)
     spread = np.median(np.abs(np.diff(arm.wrench[kept], axis=0)), axis=0) / 0.6745 / np.sqrt(2.0)
-    return CubicSpline(time, off), spread / stiffness * np.linalg.norm(kernel / kernel.sum())
+    largest = np.linalg.norm(off.reshape(-1, 2, 3), axis=2).max(axis=0)
+    noise = np.hypot(
+        spread / stiffness * np.linalg.norm(savgol_coeffs(width, 3)), _SPRUNG * np.repeat(largest, 3)
+    )
+    return CubicSpline(time, savgol_filter(np.transpose(damped), width, 3, axis=0)), noise
 
 
 def filtered(record: Record, late: Mapping[str, float], spacing: float = _SPACING) -> dict[str, Filtered]:
@@ -152,14 +178,18 @@ def position_noise(record: ArmRecord) -> Array:
     return np.maximum(sds, _EXACT_ANGLE)
 
 
-def sample_times(record: Record, most: int = _POSES) -> Array:
+def sample_times(record: Record, apart: int = APART) -> Array:
     """Return times that are spread over the movement of the joints, without gaps and free hands.
 
     Equal parts of the path of all joints: at rest, errors of counts would repeat.
+
+    Args:
+        record: record of the arms.
+        apart: samples of the first arm from one time to the next, at least.
     """
     start, end = record.held_span
     first = next(iter(record.arms.values())).time
-    grid = np.linspace(start + MARGIN, end - MARGIN, 4 * most)
+    grid = np.linspace(start + MARGIN, end - MARGIN, 4 * _POSES)
     is_near = np.ones(len(grid), dtype=bool)
     path = np.zeros(len(grid))
     for arm in record.arms.values():
@@ -168,8 +198,8 @@ def sample_times(record: Record, most: int = _POSES) -> Array:
         q = np.array([np.interp(grid, arm.time, one) for one in arm.position.T])
         path[1:] += np.abs(np.diff(q, axis=1)).sum(axis=0)
     path = np.cumsum(path) + 1e-9 * (grid - grid[0]) / max(float(np.ptp(first)), 1e-9)
-    equal = np.interp(np.linspace(0.0, path[-1], most), path, grid)
+    equal = np.interp(np.linspace(0.0, path[-1], _POSES), path, grid)
     kept = np.interp(equal, grid, is_near) == 1.0
     # where nothing of the first arm is interpolated; interpolations of the others share their samples' noise
-    stamps = np.unique(first)[::_APART]
+    stamps = np.unique(first)[::apart]
     return np.unique(stamps[np.clip(np.searchsorted(stamps, equal[kept]), 0, len(stamps) - 1)])

@@ -192,7 +192,7 @@ def _read(
     tips = []
     for name, one in samples.items():
         force = (one.wrench - hand_weight(scenario, closure.arms[name], one.q))[:, :3]
-        tips.append(np.einsum("nij,jk,nk->ni", R, closure.arms[name].X_PE[:3, :3], force))
+        tips.append(np.einsum("nij,njk,nk->ni", R, closure.tip(name, times)[:, :3, :3], force))
     f_d = np.array([scenario.squeeze.at(time, grasps)[:, :3] for time in times.tolist()])
     f_d = np.einsum("nij,naj->nai", R, f_d)
     return np.stack(tips, axis=1)[:, :, linear], f_d[:, :, linear], times
