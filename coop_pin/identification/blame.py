@@ -65,7 +65,8 @@ def blame(
     if any(one.severity == "error" for one in noted):
         return Blame(scenario, record, Findings(scenario.name, sorted_findings(noted)))
     kinematics = closure.fit()
-    samples, payload, friction = filtered(record, kinematics.late), None, list[DriveFriction]()
+    samples = filtered(record, kinematics.late, springs=closure.springs)
+    payload, friction = None, list[DriveFriction]()
     if all(len(record.arms[name].wrench_time) for name in arms):
         payload = payload_fit(record, scenario, closure, kinematics, samples, priors)
         noted += wrench_findings(payload, record, scenario, closure, kinematics, samples, priors)

@@ -170,6 +170,7 @@ class ViewClosure:
         parameters: parameters that move a view.
         prior: their standard deviations.
         noise: noise of the joint positions of every arm, shape (nv,) each.
+        springs: where the springs of grasps let tips be in their grasp frames, as functions of time.
     """
 
     def __init__(
@@ -182,12 +183,14 @@ class ViewClosure:
     ) -> None:
         """Choose samples by how far the joints move, and look at how errors move the views there."""
         self.arms, self.rows = arms, next(iter(arms.values())).rows
-        self._springs = {}
+        self.springs, self._springs = dict[str, CubicSpline](), dict[str, tuple[CubicSpline, Array]]()
         for name, arm in arms.items():
             if arm.stiffness is not None and len(record.arms[name].wrench_time):
                 q = arm.configuration(record.arms[name].position[0])
-                self._springs[name] = deflection(record.arms[name], arm.stiffness, arm.spring_lag(q))
-        self._splines = {name: _spline(record.arms[name], bool(self._springs)) for name in arms}
+                off, sd = deflection(record.arms[name], arm.stiffness, arm.spring_lag(q))
+                self.springs[name], self._springs[name] = off, (_smooth(off), sd)
+        splines = {name: _spline(record.arms[name]) for name in arms}  # a spring swings as its arm does
+        self._splines = {name: _smooth(one) if self.springs else one for name, one in splines.items()}
         self.noise = noise or {name: position_noise(record.arms[name]) for name in arms}
         apart, self._smooths = APART, 1.0
         if self._springs:
@@ -338,8 +341,12 @@ class ViewClosure:
         return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))
 
 
-def _spline(record: ArmRecord, smooths: bool) -> CubicSpline:
+def _spline(record: ArmRecord) -> CubicSpline:
     """Return the joint positions as functions of the arm's time; stamps that repeat are left out."""
     time, kept = np.unique(record.time, return_index=True)
-    q = record.position[kept]
-    return CubicSpline(time, savgol_filter(q, smoothing(time), 3, axis=0) if smooths else q)
+    return CubicSpline(time, record.position[kept])
+
+
+def _smooth(spline: CubicSpline) -> CubicSpline:
+    """Return a function of time without what swings faster than a motion."""
+    return CubicSpline(spline.x, savgol_filter(spline(spline.x), smoothing(spline.x), 3, axis=0))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter, savgol_coeffs, savgol_filter
+from scipy.signal import lfilter, savgol_coeffs
 from scipy.spatial.transform import Rotation
 
 from coop_pin.base.arrays import Array
@@ -59,6 +59,7 @@ class Filtered(NamedTuple):
         wrench: wrench of the wrist, shape (n, 6).
         noise: standard deviation of the filtered wrench, shape (6,).
         torque_noise: that of the filtered torques, shape (nv,).
+        give: acceleration of the tip in its grasp frame by a spring, m/s^2 and rad/s^2, shape (n, 6).
     """
 
     time: Array
@@ -69,6 +70,7 @@ class Filtered(NamedTuple):
     wrench: Array
     noise: Array
     torque_noise: Array
+    give: Array
 
 
 def smoothing(times: Array) -> int:
@@ -77,10 +79,10 @@ def smoothing(times: Array) -> int:
 
 
 def deflection(arm: ArmRecord, stiffness: Array, lag: Array) -> tuple[CubicSpline, Array]:
-    """Return where a spring lets the tip be in its grasp frame, as a function of time, and its noise.
+    """Return where a spring lets the tip be in its grasp frame, as a function of time, and its noise smoothed.
 
     Position and rotation vector by the equation of CompliantGrasp, with the wrench turned from axes of the
-    tip; smoothed as the positions of the joints, since both swing together faster than a motion.
+    tip.
 
     Args:
         arm: record of the arm.
@@ -109,10 +111,15 @@ def deflection(arm: ArmRecord, stiffness: Array, lag: Array) -> tuple[CubicSplin
     noise = np.hypot(
         spread / stiffness * np.linalg.norm(savgol_coeffs(width, 3)), _SPRUNG * np.repeat(largest, 3)
     )
-    return CubicSpline(time, savgol_filter(np.transpose(damped), width, 3, axis=0)), noise
+    return CubicSpline(time, np.transpose(damped)), noise
 
 
-def filtered(record: Record, late: Mapping[str, float], spacing: float = _SPACING) -> dict[str, Filtered]:
+def filtered(
+    record: Record,
+    late: Mapping[str, float],
+    spacing: float = _SPACING,
+    springs: Mapping[str, CubicSpline] | None = None,
+) -> dict[str, Filtered]:
     """Return filtered samples of all arms at common times.
 
     A sum of wrenches equals a rate of momentum at every frequency; filtered alike, both sides stay equal, and
@@ -122,6 +129,7 @@ def filtered(record: Record, late: Mapping[str, float], spacing: float = _SPACIN
         record: record of the arms.
         late: delay of the clock of each arm, s.
         spacing: distance of the samples that are kept, in windows.
+        springs: deflections of the arms that have a spring, as of ``deflection``.
     """
     start, end = record.held_span
     step = max(float(np.median(np.diff(arm.time))) for arm in record.arms.values())
@@ -131,11 +139,14 @@ def filtered(record: Record, late: Mapping[str, float], spacing: float = _SPACIN
     grid = np.arange(start, end, step)
     kept = slice(width, max(len(grid) - width, width + 1), max(int(spacing * width), 1))
     return {
-        name: _filtered(arm, grid, kernel, kept, late.get(name, 0.0)) for name, arm in record.arms.items()
+        name: _filtered(arm, grid, kernel, kept, late.get(name, 0.0), (springs or {}).get(name))
+        for name, arm in record.arms.items()
     }
 
 
-def _filtered(arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: float) -> Filtered:
+def _filtered(
+    arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: float, spring: CubicSpline | None
+) -> Filtered:
     step = float(grid[1] - grid[0])
 
     def smooth(time: Array, values: Array) -> Array:
@@ -149,16 +160,17 @@ def _filtered(arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: flo
 
     q = smooth(arm.time, arm.position)
     v = np.gradient(q, step, axis=0)
-    a = np.zeros_like(q)
-    a[1:-1] = np.diff(q, 2, axis=0) / step**2
+    off = np.zeros((len(grid), 6)) if spring is None else smooth(spring.x, spring(spring.x))
+    a, give = np.zeros_like(q), np.zeros_like(off)
+    a[1:-1], give[1:-1] = (np.diff(each, 2, axis=0) / step**2 for each in (q, off))
     wrench, noise = np.full((len(grid), 6), np.nan), np.full(6, np.nan)
     if len(arm.wrench_time):
         wrench = smooth(arm.wrench_time, arm.wrench)
         largest = np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
         noise = np.hypot(scatter(arm.wrench), _EXACT * np.repeat(largest, 3))
     tau = smooth(arm.time, arm.effort)
-    time, q, v, a, tau, wrench = (each[kept] for each in (grid, q, v, a, tau, wrench))
-    return Filtered(time, q, v, a, tau, wrench, noise, scatter(arm.effort))
+    time, q, v, a, tau, wrench, give = (each[kept] for each in (grid, q, v, a, tau, wrench, give))
+    return Filtered(time, q, v, a, tau, wrench, noise, scatter(arm.effort), give)
 
 
 def position_noise(record: ArmRecord) -> Array:

@@ -124,7 +124,8 @@ def _by_tilt(closure: ViewClosure, times: Array, gravity: Array) -> Array:
 def _regressors(arm: CellArm, samples: Filtered, gravity: Array, tips: Array) -> Array:
     """Return Y with the wrench that moves a body about P, in payload axes, shape (n, 6, 10).
 
-    Where a spring lets the tip be elsewhere than its grasp, the arm's axes of the payload are turned.
+    Where a spring lets the tip be elsewhere than its grasp, the arm's axes of the payload are turned, and the
+    payload is not moved as the tip is.
 
     Args:
         arm: the arm.
@@ -135,7 +136,9 @@ def _regressors(arm: CellArm, samples: Filtered, gravity: Array, tips: Array) ->
     model, Y = arm.kinematics.model, np.empty((len(samples.time), 6, 10))
     data, payload = model.createData(), model.getFrameId("payload")
     turns = tips[:, :3, :3] @ arm.X_PE[:3, :3].T
-    for k, (angles, v, a, turn) in enumerate(zip(samples.q, samples.v, samples.a, turns, strict=True)):
+    gives = -samples.give @ pin.SE3(arm.X_PE).toActionMatrix().T
+    rows = zip(samples.q, samples.v, samples.a, turns, gives, strict=True)
+    for k, (angles, v, a, turn, give) in enumerate(rows):
         pin.forwardKinematics(model, data, arm.configuration(angles), v, a)
         R = pin.updateFramePlacement(model, data, payload).rotation
         V = pin.getFrameVelocity(model, data, payload, pin.LOCAL)
@@ -143,7 +146,7 @@ def _regressors(arm: CellArm, samples: Filtered, gravity: Array, tips: Array) ->
         # the body's own frame at rest in translation: Pinocchio adds omega x v to the linear part
         Y[k] = pin.bodyRegressor(
             pin.Motion(np.zeros(3), turn @ V.angular),
-            pin.Motion(turn @ (A.linear - R.T @ gravity), turn @ A.angular),
+            pin.Motion(turn @ (A.linear - R.T @ gravity) + give[:3], turn @ A.angular + give[3:]),
         )
     return Y
 
