@@ -187,7 +187,7 @@ class ViewClosure:
         for name, arm in arms.items():
             if arm.stiffness is not None and len(record.arms[name].wrench_time):
                 q = arm.configuration(record.arms[name].position[0])
-                off, sd = deflection(record.arms[name], arm.stiffness, arm.spring_lag(q))
+                off, sd = deflection(record.arms[name], arm.stiffness, arm.spring_lag(q), record.free)
                 self.springs[name], self._springs[name] = off, (_smooth(off), sd)
         splines = {name: _spline(record.arms[name]) for name in arms}  # a spring swings as its arm does
         self._splines = {name: _smooth(one) if self.springs else one for name, one in splines.items()}

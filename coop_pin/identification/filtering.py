@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter, savgol_coeffs
+from scipy.signal import lfilter, savgol_coeffs, savgol_filter
 from scipy.spatial.transform import Rotation
 
 from coop_pin.base.arrays import Array
@@ -22,6 +22,8 @@ _POSES, APART = 600, 3
 """Poses that are fitted, and samples from one to the next, at least."""
 _SOLVES, _SPRUNG = 30, 1e-3
 """Steps to the turn of a spring, and the part of its largest deflection to which its law is true."""
+_DAMPED = 0.1
+"""Part of a spring's damping to which a ratio states it: the mobility changes with load and configuration."""
 MARGIN = 0.25
 """Time at both ends of a record that clocks may shift, s."""
 _EXACT = 3e-5
@@ -78,7 +80,9 @@ def smoothing(times: Array) -> int:
     return max(round(WINDOW / float(np.median(np.diff(times)))) | 1, 5)
 
 
-def deflection(arm: ArmRecord, stiffness: Array, lag: Array) -> tuple[CubicSpline, Array]:
+def deflection(
+    arm: ArmRecord, stiffness: Array, lag: Array, free: tuple[float, float] | None
+) -> tuple[CubicSpline, Array]:
     """Return where a spring lets the tip be in its grasp frame, as a function of time, and its noise smoothed.
 
     Position and rotation vector by the equation of CompliantGrasp, with the wrench turned from axes of the
@@ -88,12 +92,16 @@ def deflection(arm: ArmRecord, stiffness: Array, lag: Array) -> tuple[CubicSplin
         arm: record of the arm.
         stiffness: K, N/m and N m/rad, shape (6,).
         lag: D / K, s, shape (6,).
+        free: interval whose mean reading is no load of the spring, s.
 
     Returns:
         m and rad, shapes (n, 6) and (6,).
     """
     time, kept = np.unique(arm.wrench_time, return_index=True)
-    force, moment = arm.wrench[kept, :3], arm.wrench[kept, 3:]
+    wrench = arm.wrench[kept]
+    if free is not None and (is_free := (time >= free[0]) & (time < free[1])).any():
+        wrench = wrench - wrench[is_free].mean(axis=0)
+    force, moment = wrench[:, :3], wrench[:, 3:]
     spring, turn = SpringDamper.of(stiffness[None], np.zeros((1, 6))), np.zeros_like(force)
     for _ in range(_SOLVES):
         turned = Rotation.from_rotvec(turn)
@@ -107,10 +115,10 @@ def deflection(arm: ArmRecord, stiffness: Array, lag: Array) -> tuple[CubicSplin
     ]
     width = smoothing(time)
     spread = np.median(np.abs(np.diff(arm.wrench[kept], axis=0)), axis=0) / 0.6745 / np.sqrt(2.0)
-    largest = np.linalg.norm(off.reshape(-1, 2, 3), axis=2).max(axis=0)
-    noise = np.hypot(
-        spread / stiffness * np.linalg.norm(savgol_coeffs(width, 3)), _SPRUNG * np.repeat(largest, 3)
-    )
+    law = _SPRUNG * np.repeat(np.linalg.norm(off.reshape(-1, 2, 3), axis=2).max(axis=0), 3)
+    rates = savgol_filter(off, width, 3, deriv=1, delta=step, axis=0)
+    noise = spread / stiffness * np.linalg.norm(savgol_coeffs(width, 3))
+    noise = np.sqrt(noise**2 + law**2 + (_DAMPED * lag) ** 2 * (rates**2).mean(axis=0))
     return CubicSpline(time, np.transpose(damped)), noise
 
 
