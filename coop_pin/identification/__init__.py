@@ -9,7 +9,8 @@ of the payload), ``payload`` (its mass and the wrists' zeros), ``causes`` (what 
 - ``answer`` has all of it; ``error_changes`` make the cell with the errors, ``excitation`` the motion that
   shows more; ``misuse`` tells swapped topics, signs and units.
 
-Imports ``base``, ``compiled``, ``description``, ``logs``, ``model``, ``results`` and ``simulation``.
+Imports ``base``, ``compiled``, ``description``, ``grasps``, ``logs``, ``model``, ``results`` and
+``simulation``.
 """
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing

@@ -98,7 +98,6 @@ class Fit(NamedTuple):
         covariance: covariance of the estimates, shape (n, n).
         prior: standard deviations before, shape (n,).
         chi: root mean square of the whitened residual; 1 if noise and prior explain it.
-        residual: residual in units of its noise, shape (samples, rows).
     """
 
     parameters: tuple[Parameter, ...]
@@ -106,7 +105,6 @@ class Fit(NamedTuple):
     covariance: Array
     prior: Array
     chi: float
-    residual: Array
 
     @property
     def sd(self) -> Array:
@@ -326,7 +324,7 @@ class ViewClosure:
         Where one is doubtful that the log does not see, all priors count as wider, so that it is at 2 sds:
         they do not tell apart what the log does not.
         """
-        z, n = self._aligned(), len(self.times)
+        z = self._aligned()
         for _ in range(_STEPS):
             residual, A = self._whitened(z)
             H = np.linalg.inv(A.T @ A + np.eye(len(z)))
@@ -338,7 +336,7 @@ class ViewClosure:
             H = np.linalg.inv(A.T @ A + np.eye(len(z)) * (2.0 / far) ** 2)
         chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
-        return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))
+        return Fit(self.parameters, z * self.prior, covariance, self.prior, chi)
 
 
 def _spline(record: ArmRecord) -> CubicSpline:

