@@ -12,7 +12,8 @@ from coop_pin.base.arrays import Array, as_array, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.answer import Blame
-from coop_pin.identification.closure import Fit, Priors, ViewClosure
+from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.estimate import Fit, Priors
 from coop_pin.identification.filtering import filtered
 from coop_pin.identification.friction import DriveFriction, friction_fit
 from coop_pin.identification.misuse import kinematic_findings, prior_findings, wrench_findings

@@ -10,7 +10,8 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Parameter, ViewClosure
+from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.estimate import Parameter
 from coop_pin.identification.friction import WIDTH, DriveFriction
 from coop_pin.identification.law_response import internal_wrenches
 from coop_pin.identification.payload import HAND_AXES, hand_columns

@@ -12,8 +12,9 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import MissingExtraError, TracingError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause, Newtons, force_interval, ranked_causes
-from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
+from coop_pin.identification.closure import ViewClosure
 from coop_pin.identification.effects import Effects, effects
+from coop_pin.identification.estimate import Fit, Parameter, Priors
 from coop_pin.identification.excitation import best_excitation
 from coop_pin.identification.filtering import Filtered
 from coop_pin.identification.friction import DriveFriction

@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
+from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.estimate import Fit, Parameter, Priors
 from coop_pin.identification.filtering import Filtered, filter_error
 from coop_pin.identification.views import FRAME_AXES
 from coop_pin.logs.record import Record
