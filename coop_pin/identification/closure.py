@@ -124,9 +124,8 @@ class ViewClosure:
         """Return how the parameters turn the view of the first arm, world axes, rad, shape (n, 3, p)."""
         name, arm = next(iter(self.arms.items()))
         G = columns(self.view(name, times), arm)[:, 3:]
-        everything = np.zeros((len(times), 3, len(self._is_free)))
-        everything[:, :, : G.shape[2]] = G
-        return everything[:, :, self._is_free]
+        others = len(self._is_free) - G.shape[2]
+        return np.asarray(np.pad(G, ((0, 0), (0, 0), (0, others)))[:, :, self._is_free])
 
     def _evaluate(self, x: Array, is_free: Array) -> tuple[Array, Array]:
         """Return residuals and their derivatives, shapes (n, r) and (n, r, all parameters)."""

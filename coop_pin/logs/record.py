@@ -101,7 +101,7 @@ class Record:
             seen = np.array([view(arm.configuration(each)).pose for each in q]) if sees else X_WP
             X_PE = arm.X_PE
             if arm.stiffness is not None:  # the wrist is behind the spring
-                off = of_arm.grasp_deflection.values
+                off = np.nan_to_num(of_arm.grasp_deflection.values)
                 X_PE = X_PE @ poses_of(off[:, :3], Rotation.from_rotvec(off[:, 3:]).as_quat())
             wrench = at_tip(F, seen, X_PE)
             arms[name] = ArmRecord(time, q, v, of_arm.torque.values[:, :n] @ T, time, wrench)
