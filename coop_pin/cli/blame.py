@@ -41,7 +41,7 @@ def blame(
     """
     from coop_pin.base.errors import ArgumentError
     from coop_pin.identification.blame import blame as answer_of
-    from coop_pin.identification.closure import Priors
+    from coop_pin.identification.estimate import Priors
 
     if cell is None and log.suffix in (".csv", ".mcap"):
         raise ArgumentError("a log needs its cell: add --cell FILE, with the table [log]")

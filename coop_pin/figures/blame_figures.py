@@ -9,7 +9,8 @@ from coop_pin.base.arrays import typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, legend_above, plain_figure
 from coop_pin.identification.answer import Blame
-from coop_pin.identification.closure import Priors, ViewClosure
+from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.estimate import Priors
 from coop_pin.model.cell_arm import CellArm
 
 _BARS = 14

@@ -9,9 +9,9 @@ import numpy as np
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause
-from coop_pin.identification.closure import Fit
 from coop_pin.identification.effects import Effects, friction_parameters
 from coop_pin.identification.error_changes import error_changes
+from coop_pin.identification.estimate import Fit
 from coop_pin.identification.excitation import Excitation
 from coop_pin.identification.friction import DriveFriction
 from coop_pin.identification.payload import HAND_AXES

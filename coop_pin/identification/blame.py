@@ -12,7 +12,8 @@ from coop_pin.base.arrays import Array, as_array, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.answer import Blame
-from coop_pin.identification.closure import Fit, Priors, ViewClosure
+from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.estimate import Fit, Priors
 from coop_pin.identification.filtering import filtered
 from coop_pin.identification.friction import DriveFriction, friction_fit
 from coop_pin.identification.misuse import kinematic_findings, prior_findings, wrench_findings
@@ -65,7 +66,8 @@ def blame(
     if any(one.severity == "error" for one in noted):
         return Blame(scenario, record, Findings(scenario.name, sorted_findings(noted)))
     kinematics = closure.fit()
-    samples, payload, friction = filtered(record, kinematics.late), None, list[DriveFriction]()
+    samples = filtered(record, kinematics.late, springs=closure.springs)
+    payload, friction = None, list[DriveFriction]()
     if all(len(record.arms[name].wrench_time) for name in arms):
         payload = payload_fit(record, scenario, closure, kinematics, samples, priors)
         noted += wrench_findings(payload, record, scenario, closure, kinematics, samples, priors)

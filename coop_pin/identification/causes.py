@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.identification.closure import Parameter
 from coop_pin.identification.effects import Effects
+from coop_pin.identification.estimate import Parameter
 
 _SHARED = 0.25
 """Part of the variances of two forces that is common to both from which on their parameters are one cause."""

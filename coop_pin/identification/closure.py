@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.spatial.transform import Rotation
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import log3
-from coop_pin.identification.filtering import deflection, position_noise, sample_times
+from coop_pin.identification.estimate import Fit, Parameter, Priors
+from coop_pin.identification.filtering import APART, deflection, position_noise, sample_times, smoothing
 from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
@@ -23,114 +25,6 @@ _UNSEEN = 0.1
 """Part of the prior's variance from which on the prior decides an estimate, too."""
 _ALIGNS = 5
 """Most steps of the clocks alone before."""
-_WRITTEN = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "s": (1e3, "ms"), "1": (1e2, "% of its length")}
-"""Units in which values are written, by that of the value."""
-
-
-class Priors(NamedTuple):
-    """Standard deviations of what is known before a log is read; they decide where it says nothing.
-
-    Attributes:
-        tip: position and rotation of a tip, m and rad.
-        base: position and rotation of a base, m and rad.
-        joint: offset of a joint, rad or m.
-        link: relative error of a link's length. No residual shows 0.02 % of a link.
-        clock: offset of a clock against that of the first arm, s.
-        wrist: zero of a wrist's force and moment, N and N m.
-        hand: mass and centre of a hand whose weight is in the wrench of its wrist, kg and m.
-        mass: relative error of the payload's mass.
-        centre: error of its centre, m.
-        inertia: relative error of its inertia.
-        forecast: relative error of a forecast of newtons against a run; of what was seen, 0.1 in 95 %.
-    """
-
-    tip: tuple[float, float] = (5e-4, 5e-4)
-    base: tuple[float, float] = (1e-3, 1e-3)
-    joint: float = 5e-4
-    link: float = 2e-4
-    clock: float = 1e-2
-    wrist: tuple[float, float] = (2.0, 0.2)
-    hand: tuple[float, float] = (0.05, 1e-2)
-    mass: float = 0.1
-    centre: float = 1e-2
-    inertia: float = 0.3
-    forecast: float = 0.05
-
-
-class Parameter(NamedTuple):
-    """A number that a log is asked for.
-
-    Attributes:
-        arm: name of the arm; empty for the payload.
-        part: "tip", "base", "joint", "link", "clock", "wrist", "hand" or a part of the payload.
-        axis: axis, or name of the joint.
-        unit: unit of its value.
-    """
-
-    arm: str
-    part: str
-    axis: str
-    unit: str
-
-    def __str__(self) -> str:
-        """Return its name as text."""
-        return " ".join(filter(None, self[:3]))
-
-    @property
-    def written(self) -> tuple[float, str]:
-        """Unit in which its values are written, in units of its own, and the name of that unit."""
-        return _WRITTEN.get(self.unit, (1.0, self.unit))
-
-    def valued(self, value: float) -> str:
-        """Return a value of it as text: "+1.32 N"."""
-        factor, unit = self.written
-        return f"{factor * value:+.3g} {unit}" if unit else f"{value:.3g}"
-
-
-class Fit(NamedTuple):
-    """Gaussian estimate of parameters.
-
-    Attributes:
-        parameters: names of what was fitted.
-        x: estimates, shape (n,).
-        covariance: covariance of the estimates, shape (n, n).
-        prior: standard deviations before, shape (n,).
-        chi: root mean square of the whitened residual; 1 if noise and prior explain it.
-        residual: residual in units of its noise, shape (samples, rows).
-    """
-
-    parameters: tuple[Parameter, ...]
-    x: Array
-    covariance: Array
-    prior: Array
-    chi: float
-    residual: Array
-
-    @property
-    def sd(self) -> Array:
-        """Standard deviations, shape (n,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def spread(self) -> Array:
-        """Independent errors of unit variance that make the covariance: L with L L^T, shape (n, n)."""
-        values, vectors = np.linalg.eigh(self.covariance / np.outer(self.prior, self.prior))
-        return np.asarray(self.prior[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-    @property
-    def seen(self) -> Array:
-        """1 - posterior / prior variance: 0 where the log says nothing, shape (n,)."""
-        return 1.0 - np.diag(self.covariance) / self.prior**2
-
-    @property
-    def late(self) -> dict[str, float]:
-        """Delays of the clocks of arms, s."""
-        values = zip(self.parameters, self.x.tolist(), strict=True)
-        return {one.arm: value for one, value in values if one.part == "clock"}
-
-    def of(self, arm: str, part: str) -> list[int]:
-        """Return the indices of the parameters of a part of an arm."""
-        return [i for i, one in enumerate(self.parameters) if (one.arm, one.part) == (arm, part)]
 
 
 def kinematic_parameters(arms: Mapping[str, CellArm], priors: Priors) -> tuple[list[Parameter], Array]:
@@ -168,6 +62,7 @@ class ViewClosure:
         parameters: parameters that move a view.
         prior: their standard deviations.
         noise: noise of the joint positions of every arm, shape (nv,) each.
+        springs: where the springs of grasps let tips be in their grasp frames, as functions of time.
     """
 
     def __init__(
@@ -180,14 +75,20 @@ class ViewClosure:
     ) -> None:
         """Choose samples by how far the joints move, and look at how errors move the views there."""
         self.arms, self.rows = arms, next(iter(arms.values())).rows
-        self._splines = {name: _spline(record.arms[name]) for name in arms}
-        self._springs = {
-            name: deflection(record.arms[name], arm.stiffness)
-            for name, arm in arms.items()
-            if arm.stiffness is not None and len(record.arms[name].wrench_time)
-        }
-        self.times = sample_times(record)
+        self.springs, self._springs = dict[str, CubicSpline](), dict[str, tuple[CubicSpline, Array]]()
+        for name, arm in arms.items():
+            if arm.stiffness is not None and len(record.arms[name].wrench_time):
+                q = arm.configuration(record.arms[name].position[0])
+                off, sd = deflection(record.arms[name], arm.stiffness, arm.spring_lag(q), record.free)
+                self.springs[name], self._springs[name] = off, (_smooth(off), sd)
+        splines = {name: _spline(record.arms[name]) for name in arms}  # a spring swings as its arm does
+        self._splines = {name: _smooth(one) if self.springs else one for name, one in splines.items()}
         self.noise = noise or {name: position_noise(record.arms[name]) for name in arms}
+        apart, self._smooths = APART, 1.0
+        if self._springs:
+            width = smoothing(record.arms[next(iter(arms))].time)
+            apart, self._smooths = width // 2, float(np.linalg.norm(savgol_coeffs(width, 3)))
+        self.times = sample_times(record, apart)
         everything, sds = kinematic_parameters(arms, priors)
         _, J = self._evaluate(np.zeros(len(sds)), np.ones(len(sds), dtype=bool))
         self._is_free = (np.abs(J).max(axis=(0, 1)) > 1e-9) & (sds > 0.0)
@@ -201,11 +102,17 @@ class ViewClosure:
         view = view_of(arm, self.joints(name, times + late)[0] - offset)
         if name not in self._springs:
             return view
-        off = self._springs[name][0](times + late)
-        slack = np.tile(np.eye(4), (len(off), 1, 1))
-        slack[:, :3, :3] += np.swapaxes(np.cross(off[:, None, 3:], np.eye(3)), 1, 2)
+        return view._replace(pose=view.pose @ arm.X_PE @ np.linalg.inv(self.tip(name, times + late)))
+
+    def tip(self, name: str, times: Array) -> Array:
+        """Return the pose of a tip in the payload frame at times of its clock, shape (n, 4, 4)."""
+        X = np.tile(self.arms[name].X_PE, (len(times), 1, 1))
+        if name not in self._springs:
+            return X
+        off, slack = self._springs[name][0](times), np.tile(np.eye(4), (len(times), 1, 1))
+        slack[:, :3, :3] = Rotation.from_rotvec(off[:, 3:]).as_matrix()
         slack[:, :3, 3] = off[:, :3]
-        return view._replace(pose=view.pose @ arm.X_PE @ np.linalg.inv(arm.X_PE @ slack))
+        return np.asarray(X @ slack)
 
     def joints(self, name: str, times: Array) -> tuple[Array, Array]:
         """Return joint positions and velocities of an arm at times, shape (n, nv); its ends beyond them."""
@@ -217,9 +124,8 @@ class ViewClosure:
         """Return how the parameters turn the view of the first arm, world axes, rad, shape (n, 3, p)."""
         name, arm = next(iter(self.arms.items()))
         G = columns(self.view(name, times), arm)[:, 3:]
-        everything = np.zeros((len(times), 3, len(self._is_free)))
-        everything[:, :, : G.shape[2]] = G
-        return everything[:, :, self._is_free]
+        others = len(self._is_free) - G.shape[2]
+        return np.asarray(np.pad(G, ((0, 0), (0, 0), (0, others)))[:, :, self._is_free])
 
     def _evaluate(self, x: Array, is_free: Array) -> tuple[Array, Array]:
         """Return residuals and their derivatives, shapes (n, r) and (n, r, all parameters)."""
@@ -259,7 +165,7 @@ class ViewClosure:
         of_arms = []
         for name in self.arms:
             view = self.view(name, self.times)
-            J = view.jacobian[:, rows] * self.noise[name]
+            J = view.jacobian[:, rows] * (self.noise[name] * self._smooths)
             if name in self._springs:
                 tip = columns(view, self.arms[name])[:, rows, :6] * self._springs[name][1]
                 J = np.concatenate((J, tip), axis=2)
@@ -311,7 +217,7 @@ class ViewClosure:
         Where one is doubtful that the log does not see, all priors count as wider, so that it is at 2 sds:
         they do not tell apart what the log does not.
         """
-        z, n = self._aligned(), len(self.times)
+        z = self._aligned()
         for _ in range(_STEPS):
             residual, A = self._whitened(z)
             H = np.linalg.inv(A.T @ A + np.eye(len(z)))
@@ -323,10 +229,15 @@ class ViewClosure:
             H = np.linalg.inv(A.T @ A + np.eye(len(z)) * (2.0 / far) ** 2)
         chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
-        return Fit(self.parameters, z * self.prior, covariance, self.prior, chi, residual.reshape(n, -1))
+        return Fit(self.parameters, z * self.prior, covariance, self.prior, chi)
 
 
 def _spline(record: ArmRecord) -> CubicSpline:
     """Return the joint positions as functions of the arm's time; stamps that repeat are left out."""
     time, kept = np.unique(record.time, return_index=True)
     return CubicSpline(time, record.position[kept])
+
+
+def _smooth(spline: CubicSpline) -> CubicSpline:
+    """Return a function of time without what swings faster than a motion."""
+    return CubicSpline(spline.x, savgol_filter(spline(spline.x), smoothing(spline.x), 3, axis=0))

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Parameter, ViewClosure
+from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.estimate import Parameter
 from coop_pin.identification.friction import WIDTH, DriveFriction
-from coop_pin.identification.law_response import LawResponse
+from coop_pin.identification.law_response import internal_wrenches
 from coop_pin.identification.payload import HAND_AXES, hand_columns
 from coop_pin.identification.views import FRAME_AXES, View, columns
 from coop_pin.logs.record import Record
@@ -56,16 +58,16 @@ def effects(
         parameters: parameters of kinematics, wrists and hands.
         friction: friction of drives; its columns follow those of the parameters, one each.
     """
-    response, gravity = LawResponse.of(scenario), np.array(scenario.cell.gravity)
-    times = np.linspace(*record.held_span, _TIMES)
+    gravity, times = np.array(scenario.cell.gravity), np.linspace(*record.held_span, _TIMES)
     rows, arms = list(closure.rows.indices), closure.arms
     views = {name: closure.view(name, times) for name in arms}
     p, first = len(parameters) + len(friction), next(iter(views.values()))
     shape = (len(times), len(arms), len(rows), p)
+    turns = np.asarray(np.kron(np.eye(2), first.pose[:, :3, :3]), dtype=np.float64)  # payload to world
     bias, wrist, torque = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     for number, (name, arm) in enumerate(arms.items()):
         of_arm = _columns(views[name], arm, times)[:, rows]
-        at_P = _wrenches_at_payload(first, arm)[:, rows]
+        at_P = (turns @ pin.SE3(arm.X_PE).toDualActionMatrix())[:, rows]
         by_hand = at_P @ hand_columns(views[name].pose[:, :3, :3] @ arm.X_PE[:3, :3], gravity)
         for k, one in enumerate(parameters):
             if one.arm == name and one.part == "wrist":
@@ -78,10 +80,10 @@ def effects(
             if drive_friction.arm == name:
                 torque[:, number, :, k] = _friction_wrench(closure, name, views[name], times, drive_friction)
     squeeze = [scenario.squeeze.at(time, scenario.cell.grasps) for time in times.tolist()]
-    Q, f_d = _turns(first, rows), np.array(squeeze)[:, :, rows]
+    Q, f_d = turns[:, rows][:, :, rows], np.array(squeeze)[:, :, rows]
     turned = _turned_squeeze(bias, np.einsum("nij,naj->nai", Q, f_d), rows)
-    phi = response.wrenches(times, Q, bias, wrist - turned, torque + turned)
-    c = response.shares[:, None, None]
+    phi = internal_wrenches(scenario, times, Q, bias, wrist - turned, torque + turned)
+    c = np.array(scenario.cell.shares)[:, None, None]
     reading = phi + wrist - c * wrist.sum(axis=1, keepdims=True)
     linear = closure.rows.are_linear
     everything = (*parameters, *friction_parameters(friction))
@@ -110,23 +112,6 @@ def _column(parameter: Parameter, arm: CellArm) -> int:
         return FRAME_AXES.index(parameter.axis) + 6 * (parameter.part == "base")
     joints = [name.removeprefix("arm/") for name in arm.limits.joints.names]
     return 12 + joints.index(parameter.axis) + arm.nv * (parameter.part == "link")
-
-
-def _wrenches_at_payload(view: View, arm: CellArm) -> Array:
-    """Return the matrices from wrenches at the tip in its axes to those about P in world axes, (n, 6, 6)."""
-    R = view.pose[:, :3, :3] @ arm.X_PE[:3, :3]
-    lever = view.pose[:, :3, :3] @ arm.X_PE[:3, 3]
-    W = np.zeros((len(R), 6, 6))
-    W[:, :3, :3] = W[:, 3:, 3:] = R
-    W[:, 3:, :3] = np.cross(lever[:, :, None], R, axisa=1, axisb=1, axisc=1)
-    return W
-
-
-def _turns(view: View, rows: Sequence[int]) -> Array:
-    """Return the matrices that turn task rows from payload to world axes, shape (n, k_0, k_0)."""
-    Q = np.zeros((len(view.pose), 6, 6))
-    Q[:, :3, :3] = Q[:, 3:, 3:] = view.pose[:, :3, :3]
-    return Q[:, rows][:, :, rows]
 
 
 def _turned_squeeze(bias: Array, f_d: Array, rows: Sequence[int]) -> Array:

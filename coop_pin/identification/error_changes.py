@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Parameter
+from coop_pin.identification.estimate import Parameter
 from coop_pin.identification.payload import HAND_AXES, hand_columns
 from coop_pin.identification.views import FRAME_AXES
 from coop_pin.model.cell_arm import CellArm

@@ -10,8 +10,9 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import pose_error
-from coop_pin.identification.closure import Fit, Priors, ViewClosure
+from coop_pin.identification.closure import ViewClosure
 from coop_pin.identification.effects import Effects
+from coop_pin.identification.estimate import Fit, Priors
 from coop_pin.identification.views import FRAME_AXES
 from coop_pin.logs.record import ArmRecord, Record
 

@@ -7,16 +7,24 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter, savgol_coeffs, savgol_filter
+from scipy.spatial.transform import Rotation
+from scipy.special import binom
 
 from coop_pin.base.arrays import Array
+from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.logs.record import ArmRecord, Record
 
 WINDOW = 0.2
 """Width of the Hann kernel, s; what is faster is in no equation of motion that is fitted."""
 _EXACT_ANGLE = 1e-6
 """Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
-_POSES, _APART = 600, 3
+_POSES, APART = 600, 3
 """Poses that are fitted, and samples from one to the next, at least."""
+_SOLVES, _SPRUNG = 30, 1e-3
+"""Steps to the turn of a spring, and the part of its largest deflection to which its law is true."""
+_DAMPED = 0.1
+"""Part of a spring's damping to which a ratio states it: the mobility changes with load and configuration."""
 MARGIN = 0.25
 """Time at both ends of a record that clocks may shift, s."""
 _EXACT = 3e-5
@@ -53,7 +61,7 @@ class Filtered(NamedTuple):
         tau: joint torques, shape (n, nv).
         wrench: wrench of the wrist, shape (n, 6).
         noise: standard deviation of the filtered wrench, shape (6,).
-        torque_noise: that of the filtered torques, shape (nv,).
+        give: acceleration of the tip in its grasp frame by a spring, m/s^2 and rad/s^2, shape (n, 6).
     """
 
     time: Array
@@ -63,30 +71,61 @@ class Filtered(NamedTuple):
     tau: Array
     wrench: Array
     noise: Array
-    torque_noise: Array
+    give: Array
 
 
-def deflection(arm: ArmRecord, stiffness: Array) -> tuple[CubicSpline, Array]:
-    """Return how far a spring lets a tip off its grasp frame, as a function of time, and its noise.
+def smoothing(times: Array) -> int:
+    """Return the samples of a cubic fit over a window, which leaves what a slow motion does as it is."""
+    return max(round(WINDOW / float(np.median(np.diff(times)))) | 1, 5)
 
-    ``-F / K`` of the filtered wrench in axes of the tip, m and rad, shapes (n, 6) and (6,).
+
+def deflection(
+    arm: ArmRecord, stiffness: Array, lag: Array, free: tuple[float, float] | None
+) -> tuple[CubicSpline, Array]:
+    """Return where a spring lets the tip be in its grasp frame, and the noise of it smoothed.
+
+    Position and rotation vector by the equation of CompliantGrasp, with the wrench turned from axes of the
+    tip.
 
     Args:
         arm: record of the arm.
         stiffness: K, N/m and N m/rad, shape (6,).
+        lag: D / K, s, shape (6,).
+        free: interval whose mean reading is no load of the spring, s.
+
+    Returns:
+        m and rad, shapes (n, 6) and (6,).
     """
     time, kept = np.unique(arm.wrench_time, return_index=True)
-    width = max(round(WINDOW / float(np.median(np.diff(time)))), 4)
-    kernel = np.hanning(width + 2)[1:-1]
-    smooth = [
-        np.convolve(np.pad(one, width, "edge"), kernel / kernel.sum(), "same") for one in arm.wrench[kept].T
+    wrench = arm.wrench[kept]
+    if free is not None and (is_free := (time >= free[0]) & (time < free[1])).any():
+        wrench = wrench - wrench[is_free].mean(axis=0)
+    force, moment = wrench[:, :3], wrench[:, 3:]
+    spring, turn = SpringDamper.of(stiffness[None], np.zeros((1, 6))), np.zeros_like(force)
+    for _ in range(_SOLVES):
+        turned = Rotation.from_rotvec(turn)
+        R, p = turned.as_matrix(), -turned.apply(force) / stiffness[:3]
+        missing = spring.elastic(p, R)[:, 3:] - turned.apply(moment)
+        turn = turn + missing / stiffness[3:]
+    off, step = np.hstack((p, turn)), float(np.median(np.diff(time)))
+    late = np.exp(-step / np.maximum(lag, 1e-9))
+    damped = [
+        lfilter((0.0, 1.0 - a), (1.0, -a), one - one[0]) + one[0] for a, one in zip(late, off.T, strict=True)
     ]
-    off = -np.array(smooth)[:, width:-width].T / stiffness
-    spread = np.median(np.abs(np.diff(arm.wrench[kept], axis=0)), axis=0) / 0.6745 / np.sqrt(2.0)
-    return CubicSpline(time, off), spread / stiffness * np.linalg.norm(kernel / kernel.sum())
+    width = smoothing(time)
+    law = _SPRUNG * np.repeat(np.linalg.norm(off.reshape(-1, 2, 3), axis=2).max(axis=0), 3)
+    rates = savgol_filter(off, width, 3, deriv=1, delta=step, axis=0)
+    noise = _scatter(wrench) / stiffness * np.linalg.norm(savgol_coeffs(width, 3))
+    noise = np.sqrt(noise**2 + law**2 + (_DAMPED * lag) ** 2 * (rates**2).mean(axis=0))
+    return CubicSpline(time, np.transpose(damped)), noise
 
 
-def filtered(record: Record, late: Mapping[str, float], spacing: float = _SPACING) -> dict[str, Filtered]:
+def filtered(
+    record: Record,
+    late: Mapping[str, float],
+    spacing: float = _SPACING,
+    springs: Mapping[str, CubicSpline] | None = None,
+) -> dict[str, Filtered]:
     """Return filtered samples of all arms at common times.
 
     A sum of wrenches equals a rate of momentum at every frequency; filtered alike, both sides stay equal, and
@@ -96,6 +135,7 @@ def filtered(record: Record, late: Mapping[str, float], spacing: float = _SPACIN
         record: record of the arms.
         late: delay of the clock of each arm, s.
         spacing: distance of the samples that are kept, in windows.
+        springs: deflections of the arms that have a spring, as of ``deflection``.
     """
     start, end = record.held_span
     step = max(float(np.median(np.diff(arm.time))) for arm in record.arms.values())
@@ -105,34 +145,40 @@ def filtered(record: Record, late: Mapping[str, float], spacing: float = _SPACIN
     grid = np.arange(start, end, step)
     kept = slice(width, max(len(grid) - width, width + 1), max(int(spacing * width), 1))
     return {
-        name: _filtered(arm, grid, kernel, kept, late.get(name, 0.0)) for name, arm in record.arms.items()
+        name: _filtered(arm, grid, kernel, kept, late.get(name, 0.0), (springs or {}).get(name))
+        for name, arm in record.arms.items()
     }
 
 
-def _filtered(arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: float) -> Filtered:
+def _filtered(
+    arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: float, spring: CubicSpline | None
+) -> Filtered:
     step = float(grid[1] - grid[0])
 
     def smooth(time: Array, values: Array) -> Array:
         columns = [np.interp(grid + late, time, column) for column in values.T]
         return np.array([np.convolve(column, kernel, "same") for column in columns]).T
 
-    def scatter(values: Array) -> Array:
-        differences = np.abs(np.diff(values, axis=0))
-        spread = np.median(differences, axis=0) / 0.6745 / np.sqrt(2.0)
-        return np.asarray(np.maximum(spread, 1e-6) * np.sqrt((kernel**2).sum()))
-
     q = smooth(arm.time, arm.position)
     v = np.gradient(q, step, axis=0)
-    a = np.zeros_like(q)
-    a[1:-1] = np.diff(q, 2, axis=0) / step**2
+    off = np.zeros((len(grid), 6)) if spring is None else smooth(spring.x, spring(spring.x))
+    a, give = np.zeros_like(q), np.zeros_like(off)
+    a[1:-1], give[1:-1] = (np.diff(each, 2, axis=0) / step**2 for each in (q, off))
     wrench, noise = np.full((len(grid), 6), np.nan), np.full(6, np.nan)
     if len(arm.wrench_time):
         wrench = smooth(arm.wrench_time, arm.wrench)
         largest = np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
-        noise = np.hypot(scatter(arm.wrench), _EXACT * np.repeat(largest, 3))
+        scatter = np.maximum(_scatter(arm.wrench), 1e-6) * np.linalg.norm(kernel)
+        noise = np.hypot(scatter, _EXACT * np.repeat(largest, 3))
     tau = smooth(arm.time, arm.effort)
-    time, q, v, a, tau, wrench = (each[kept] for each in (grid, q, v, a, tau, wrench))
-    return Filtered(time, q, v, a, tau, wrench, noise, scatter(arm.effort))
+    time, q, v, a, tau, wrench, give = (each[kept] for each in (grid, q, v, a, tau, wrench, give))
+    return Filtered(time, q, v, a, tau, wrench, noise, give)
+
+
+def _scatter(values: Array, order: int = 1) -> Array:
+    """Return the standard deviation of samples by their differences, shape (k,)."""
+    spread = np.median(np.abs(np.diff(values, order, axis=0)), axis=0) / 0.6745
+    return np.asarray(spread / np.sqrt(binom(2 * order, order)))
 
 
 def position_noise(record: ArmRecord) -> Array:
@@ -140,11 +186,12 @@ def position_noise(record: ArmRecord) -> Array:
 
     Counts are seen if most steps are multiples of the smallest one.
     """
+    few = len(record.position) < 4
+    roughs = np.zeros(record.position.shape[1]) if few else _scatter(record.position, 3)
     sds = []
-    for q in record.position.T:
+    for q, rough in zip(record.position.T, roughs, strict=True):
         steps = np.abs(np.diff(q))
         steps = steps[steps > 1e-12]
-        rough = float(np.median(np.abs(np.diff(q, 3)))) / 0.6745 / np.sqrt(20.0) if len(q) > 3 else 0.0
         count = float(steps.min()) if len(steps) else 0.0
         ratios = steps / count if count else np.ones(1)
         is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)
@@ -152,14 +199,18 @@ def position_noise(record: ArmRecord) -> Array:
     return np.maximum(sds, _EXACT_ANGLE)
 
 
-def sample_times(record: Record, most: int = _POSES) -> Array:
+def sample_times(record: Record, apart: int = APART) -> Array:
     """Return times that are spread over the movement of the joints, without gaps and free hands.
 
     Equal parts of the path of all joints: at rest, errors of counts would repeat.
+
+    Args:
+        record: record of the arms.
+        apart: samples of the first arm from one time to the next, at least.
     """
     start, end = record.held_span
     first = next(iter(record.arms.values())).time
-    grid = np.linspace(start + MARGIN, end - MARGIN, 4 * most)
+    grid = np.linspace(start + MARGIN, end - MARGIN, 4 * _POSES)
     is_near = np.ones(len(grid), dtype=bool)
     path = np.zeros(len(grid))
     for arm in record.arms.values():
@@ -168,8 +219,8 @@ def sample_times(record: Record, most: int = _POSES) -> Array:
         q = np.array([np.interp(grid, arm.time, one) for one in arm.position.T])
         path[1:] += np.abs(np.diff(q, axis=1)).sum(axis=0)
     path = np.cumsum(path) + 1e-9 * (grid - grid[0]) / max(float(np.ptp(first)), 1e-9)
-    equal = np.interp(np.linspace(0.0, path[-1], most), path, grid)
+    equal = np.interp(np.linspace(0.0, path[-1], _POSES), path, grid)
     kept = np.interp(equal, grid, is_near) == 1.0
     # where nothing of the first arm is interpolated; interpolations of the others share their samples' noise
-    stamps = np.unique(first)[::_APART]
+    stamps = np.unique(first)[::apart]
     return np.unique(stamps[np.clip(np.searchsorted(stamps, equal[kept]), 0, len(stamps) - 1)])

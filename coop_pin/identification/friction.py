@@ -27,7 +27,6 @@ class DriveFriction(NamedTuple):
         viscous: N m s/rad.
         coulomb: N m.
         sd: their standard deviations, N m s/rad and N m; inf where they are not seen.
-        residual: root mean square of what is left, N m.
     """
 
     arm: str
@@ -35,7 +34,6 @@ class DriveFriction(NamedTuple):
     viscous: float
     coulomb: float
     sd: tuple[float, float]
-    residual: float
 
     def __str__(self) -> str:
         """Return its size as text."""
@@ -62,11 +60,10 @@ def friction_fit(arm: CellArm, samples: Filtered, zero: Array, sd: Array) -> lis
     if not np.isfinite(samples.tau).all() or not np.isfinite(samples.wrench).all():
         return []
     left, by_wrist = np.empty_like(samples.tau), np.empty((*samples.tau.shape, 6))
+    to_P = pin.SE3(arm.X_PE).toDualActionMatrix()
     for k, (angles, v, a) in enumerate(zip(samples.q, samples.v, samples.a, strict=True)):
         q = arm.configuration(angles)
-        R, lever = arm.tip_pose(q), arm.payload_pose(q)
-        W = np.kron(np.eye(2), R[:3, :3])
-        W[3:, :3] = -pin.skew(lever[:3, 3] - R[:3, 3]) @ R[:3, :3]
+        W = np.kron(np.eye(2), arm.payload_pose(q)[:3, :3]) @ to_P
         left[k] = samples.tau[k] - arm.inverse_dynamics(q, v, a, W @ (samples.wrench[k] - zero))
         by_wrist[k] = arm.payload_jacobian(q).T @ W * sd
     at_drives, speeds = left @ arm.from_drive, samples.v @ arm.drive.T
@@ -80,11 +77,11 @@ def _fit(arm: str, drive: int, torque: Array, speed: Array, wrist: Array) -> Dri
     fast = np.abs(speed) > WIDTH
     backward = float((speed[fast] < 0.0).mean()) if fast.any() else 0.0
     if min(backward, 1.0 - backward) < _REVERSES:
-        return DriveFriction(arm, drive, np.nan, np.nan, (np.inf, np.inf), np.nan)
+        return DriveFriction(arm, drive, np.nan, np.nan, (np.inf, np.inf))
     weight, variance = np.diag([0.0] * 3 + [1.0] * wrist.shape[1]), float(np.diff(torque).var()) / 2.0
     for _ in range(3):  # the variance decides how much the prior counts
         H = np.linalg.inv(A.T @ A + variance * weight)
         residual = torque - A @ (x := H @ (A.T @ torque))
         variance = float(residual @ residual) / max(len(torque) - 3, 1)
     sd = np.sqrt(np.diag(H) * variance)
-    return DriveFriction(arm, drive, float(x[0]), float(x[1]), (float(sd[0]), float(sd[1])), variance**0.5)
+    return DriveFriction(arm, drive, float(x[0]), float(x[1]), (float(sd[0]), float(sd[1])))

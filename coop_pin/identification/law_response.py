@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from coop_pin.model.arm_model import ArmModel
 from coop_pin.simulation.build_controller import controlled_arm
 
 
-class LawResponse(NamedTuple):
-    """Internal wrench by errors of the arms' views and wrists, under the payload-space law.
+def internal_wrenches(
+    scenario: Scenario, times: Array, Q: Array, bias: Array, wrist: Array, torque: Array
+) -> Array:
+    """Return the internal wrench phi_i by errors of the arms' views and wrists, for p causes.
 
     Of arm i, with what is mean over the arms by their shares c taken off, the biases b_i of the view, w_i of
     the wrist and m_i of the torques (as wrenches about P)::
@@ -25,85 +27,45 @@ class LawResponse(NamedTuple):
     beta = g / T where a wrench is measured, and zero without; lambda is the leak without. What changes faster
     than one over beta, and the delay of the measured wrench, are not in it.
 
-    Attributes:
-        gamma: pose gain on the task rows, 1/s, shape (k_0, k_0).
-        K: sliding gain on the task rows, shape (k_0, k_0).
-        k_I: rate of the integral, 1/s, shape (k_0,).
-        K_f: force gain.
-        beta: rate at which a measured wrench is taken out of the integral, 1/s.
-        leak: rate at which the integral forgets without one, 1/s.
-        kappa: rate at which the start decays, 1/s.
-        shares: c_i, shape (m,).
-        turns: whether K turns with the payload.
-        is_zeroed: whether the arms place their payload frames at the start pose.
+    Args:
+        scenario: cell and law that ``uncovered`` knows nothing against.
+        times: times, s, shape (n,).
+        Q: matrices that turn task rows from payload to world axes, shape (n, k_0, k_0).
+        bias: b_i, m and rad, world axes, shape (n, m, k_0, p).
+        wrist: w_i, N and N m, likewise.
+        torque: m_i, N and N m, likewise.
+
+    Returns:
+        N and N m, shape (n, m, k_0, p).
     """
-
-    gamma: Array
-    K: Array
-    k_I: Array
-    K_f: float
-    beta: float
-    leak: float
-    kappa: float
-    shares: Array
-    turns: bool
-    is_zeroed: bool
-
-    @classmethod
-    def of(cls, scenario: Scenario) -> LawResponse:
-        """Return the response of a scenario's law.
-
-        Args:
-            scenario: scenario that ``uncovered`` knows nothing against.
-        """
-        law: Any = scenario.controller
-        name, arm = next(iter(scenario.cell.arms.items()))
-        controlled = controlled_arm(scenario, ArmModel(arm, name=name))
-        one: Any = law.controller_of(
-            controlled, law.gains_of(name).sized(controlled.rows.size, controlled.drives), scenario
-        )
-        gains, every = one.gains, max((wrist.every for wrist in scenario.wrists), default=1)
-        return cls(
-            gamma=gains.pose_gain,
-            K=gains.sliding_gain,
-            k_I=gains.sign_gain.diagonal() / law.switching.width,
-            K_f=float(gains.force_gain) if law.force_path.measures else 0.0,
-            beta=law.measures * one.integral.gain / (every * scenario.clock.period),
-            leak=(not law.measures) * one.integral.leak,
-            kappa=gains.transient_rate,
-            shares=np.array(scenario.cell.shares),
-            turns=one.axes.turns,
-            is_zeroed=law.near_rest.is_zeroed,
-        )
-
-    def wrenches(self, times: Array, Q: Array, bias: Array, wrist: Array, torque: Array) -> Array:
-        """Return phi_i, N and N m, shape (n, m, k_0, p) for p causes.
-
-        Args:
-            times: times, s, shape (n,).
-            Q: matrices that turn task rows from payload to world axes, shape (n, k_0, k_0).
-            bias: b_i, m and rad, world axes, shape (n, m, k_0, p).
-            wrist: w_i, N and N m, likewise.
-            torque: m_i, N and N m, likewise.
-        """
-        c = self.shares[:, None, None]
-        w, m = (each - c * each.sum(axis=1, keepdims=True) for each in (wrist, torque))
-        b = bias - (c * bias).sum(axis=1, keepdims=True)
-        if self.is_zeroed:
-            b = b - np.einsum("nij,ajp->naip", Q, np.einsum("ji,ajp->aip", Q[0], b[0]))
-        s = np.gradient(b, times, axis=0) + np.einsum("ij,najp->naip", self.gamma, b)
-        s = s - s[0] * np.exp(-self.kappa * (times - times[0]))[:, None, None, None]
-        K = Q @ self.K @ np.swapaxes(Q, 1, 2) if self.turns else np.broadcast_to(self.K, Q.shape)
-        forced = np.einsum("nij,najp->naip", K, s) * c
-        rate = self.beta / (1.0 + self.K_f) + self.leak
-        held = forced + m - self.K_f * w
-        drive = -self.beta * (held / (1.0 + self.K_f) + w) + self.k_I[:, None] * forced
-        Z = np.zeros_like(drive)
-        for k, step in enumerate(np.diff(times)):
-            fades = np.exp(-rate * step)
-            gained = (1.0 - fades) / rate if rate else step
-            Z[k + 1] = fades * Z[k] + gained * (drive[k] + drive[k + 1]) / 2.0
-        return np.asarray((held + Z) / (1.0 + self.K_f))
+    law: Any = scenario.controller
+    name, arm = next(iter(scenario.cell.arms.items()))
+    controlled = controlled_arm(scenario, ArmModel(arm, name=name))
+    one: Any = law.controller_of(
+        controlled, law.gains_of(name).sized(controlled.rows.size, controlled.drives), scenario
+    )
+    gains, every = one.gains, max((sensor.every for sensor in scenario.wrists), default=1)
+    K_f = float(gains.force_gain) if law.force_path.measures else 0.0
+    beta = law.measures * one.integral.gain / (every * scenario.clock.period)
+    c = np.array(scenario.cell.shares)[:, None, None]
+    w, m = (each - c * each.sum(axis=1, keepdims=True) for each in (wrist, torque))
+    b = bias - (c * bias).sum(axis=1, keepdims=True)
+    if law.near_rest.is_zeroed:  # the arms place their payload frames at the start pose
+        b = b - np.einsum("nij,ajp->naip", Q, np.einsum("ji,ajp->aip", Q[0], b[0]))
+    s = np.gradient(b, times, axis=0) + np.einsum("ij,najp->naip", gains.pose_gain, b)
+    s = s - s[0] * np.exp(-gains.transient_rate * (times - times[0]))[:, None, None, None]
+    K = Q @ gains.sliding_gain @ np.swapaxes(Q, 1, 2) if one.axes.turns else gains.sliding_gain + 0.0 * Q
+    forced = np.einsum("nij,najp->naip", K, s) * c
+    rate = beta / (1.0 + K_f) + (not law.measures) * one.integral.leak
+    held = forced + m - K_f * w
+    k_I = (gains.sign_gain.diagonal() / law.switching.width)[:, None]
+    drive = -beta * (held / (1.0 + K_f) + w) + k_I * forced
+    Z = np.zeros_like(drive)
+    for k, step in enumerate(np.diff(times)):
+        fades = np.exp(-rate * step)
+        gained = (1.0 - fades) / rate if rate else step
+        Z[k + 1] = fades * Z[k] + gained * (drive[k] + drive[k + 1]) / 2.0
+    return np.asarray((held + Z) / (1.0 + K_f))
 
 
 def uncovered(scenario: Scenario) -> str:

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import BEYOND, Fit, Priors, ViewClosure
+from coop_pin.identification.closure import BEYOND, ViewClosure
+from coop_pin.identification.estimate import Fit, Priors
 from coop_pin.identification.filtering import MARGIN, Filtered
 from coop_pin.identification.payload import payload_fit
 from coop_pin.logs.record import Record

@@ -12,8 +12,9 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import MissingExtraError, TracingError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause, Newtons, force_interval, ranked_causes
-from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
+from coop_pin.identification.closure import ViewClosure
 from coop_pin.identification.effects import Effects, effects
+from coop_pin.identification.estimate import Fit, Parameter, Priors
 from coop_pin.identification.excitation import best_excitation
 from coop_pin.identification.filtering import Filtered
 from coop_pin.identification.friction import DriveFriction
@@ -127,10 +128,10 @@ def _simulated(
     sets = [{one: values[one] for one in cause.members} for cause in largest]
     sets.append({one: value for one, value in values.items() if one.part not in ("wrist", "hand")})
     *forces, together = runs.newtons(sets)
-    run = list[Cause]()
-    for cause, force in zip(largest, forces, strict=True):
-        newtons, low, high = _scaled(cause[1:4], force)
-        run.append(cause._replace(newtons=newtons, low=low, high=high))
+    run = [
+        Cause(cause.members, *_scaled(cause[1:4], force), cause.sizes, cause.seen)
+        for cause, force in zip(largest, forces, strict=True)
+    ]
     rest = [cause for cause in causes if cause not in largest]
     return _scaled(views, together), tuple(sorted([*run, *rest], key=lambda cause: -cause.newtons))
 
@@ -192,7 +193,7 @@ def _read(
     tips = []
     for name, one in samples.items():
         force = (one.wrench - hand_weight(scenario, closure.arms[name], one.q))[:, :3]
-        tips.append(np.einsum("nij,jk,nk->ni", R, closure.arms[name].X_PE[:3, :3], force))
+        tips.append(np.einsum("nij,njk,nk->ni", R, closure.tip(name, times)[:, :3, :3], force))
     f_d = np.array([scenario.squeeze.at(time, grasps)[:, :3] for time in times.tolist()])
     f_d = np.einsum("nij,naj->nai", R, f_d)
     return np.stack(tips, axis=1)[:, :, linear], f_d[:, :, linear], times

@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
+from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.estimate import Fit, Parameter, Priors
 from coop_pin.identification.filtering import Filtered, filter_error
 from coop_pin.identification.views import FRAME_AXES
 from coop_pin.logs.record import Record
@@ -76,21 +77,25 @@ def payload_fit(
     count = len(parameters)  # beyond them what the kinematics leave open, in sds
     sds += [*[*np.repeat(priors.wrist, 3)] * len(names), *sds_of_hands]
     prior = np.array([*sds, *np.ones(len(kinematics.x))])
-    first, X = samples[names[0]], [pin.SE3(arm.X_PE).toDualActionMatrix() for arm in arms.values()]
+    first = samples[names[0]]
+    X = [
+        np.array([pin.SE3(one).toDualActionMatrix() for one in closure.tip(name, first.time + late)])
+        for name, late in ({names[0]: 0.0} | kinematics.late).items()
+    ]
     gravity = np.array(scenario.cell.gravity)
-    Y = _regressors(arms[names[0]], first, gravity)
+    Y = _regressors(arms[names[0]], first, gravity, closure.tip(names[0], first.time))
     wrenches = [samples[name].wrench - hand_weight(scenario, arms[name], samples[name].q) for name in names]
-    total = -sum((W @ F.T).T for W, F in zip(X, wrenches, strict=True))
+    total = -sum(np.einsum("nij,nj->ni", W, F) for W, F in zip(X, wrenches, strict=True))
     by_tilt = payload.mass * _by_tilt(closure, first.time, gravity)
     spread = kinematics.spread
-    wrists = (np.broadcast_to(-W, (len(Y), 6, 6)) for W in X)
+    wrists = (-W for W in X)
     hands = (
         -X[names.index(name)] @ hand_columns(tip_rotations(arms[name], samples[name].q), gravity)
         for name in _stated_hands(scenario)
     )
     A = np.concatenate((Y, *wrists, *hands, by_tilt @ spread), axis=2)[:, rows]
     b = (total - Y @ mean - by_tilt @ kinematics.x)[:, rows]
-    C = sum(W @ np.diag(samples[name].noise ** 2) @ W.T for name, W in zip(names, X, strict=True))
+    C = sum(W[0] @ np.diag(samples[name].noise ** 2) @ W[0].T for name, W in zip(names, X, strict=True))
     step = max(float(np.median(np.diff(record.arms[name].wrench_time))) for name in names)
     C = C + np.diag(filter_error(Y @ mean, first.time, step) ** 2)
     whiten = np.linalg.inv(np.linalg.cholesky(C[np.ix_(rows, rows)]))
@@ -107,7 +112,7 @@ def payload_fit(
     free = residual.size - np.trace(np.einsum("nij,nik->jk", A, A) * np.outer(prior, prior) @ H)
     chi = float(np.sqrt((residual**2).sum() / max(free, 1.0)))
     covariance = (max(chi, 1.0) ** 2 * H * np.outer(prior, prior))[:count, :count]
-    return Fit(tuple(parameters), x[:count], covariance, prior[:count], chi, residual)
+    return Fit(tuple(parameters), x[:count], covariance, prior[:count], chi)
 
 
 def _by_tilt(closure: ViewClosure, times: Array, gravity: Array) -> Array:
@@ -117,18 +122,32 @@ def _by_tilt(closure: ViewClosure, times: Array, gravity: Array) -> Array:
     return np.concatenate((force, np.zeros_like(force)), axis=1)
 
 
-def _regressors(arm: CellArm, samples: Filtered, gravity: Array) -> Array:
-    """Return Y with the wrench that moves a body about P, in payload axes, shape (n, 6, 10)."""
+def _regressors(arm: CellArm, samples: Filtered, gravity: Array, tips: Array) -> Array:
+    """Return Y with the wrench that moves a body about P, in payload axes, shape (n, 6, 10).
+
+    Where a spring lets the tip be elsewhere than its grasp, the arm's axes of the payload are turned, and the
+    payload is not moved as the tip is.
+
+    Args:
+        arm: the arm.
+        samples: its samples.
+        gravity: m/s^2, world axes, shape (3,).
+        tips: poses of the tip in the payload frame, shape (n, 4, 4).
+    """
     model, Y = arm.kinematics.model, np.empty((len(samples.time), 6, 10))
     data, payload = model.createData(), model.getFrameId("payload")
-    for k, (angles, v, a) in enumerate(zip(samples.q, samples.v, samples.a, strict=True)):
+    turns = tips[:, :3, :3] @ arm.X_PE[:3, :3].T
+    gives = -samples.give @ pin.SE3(arm.X_PE).toActionMatrix().T
+    rows = zip(samples.q, samples.v, samples.a, turns, gives, strict=True)
+    for k, (angles, v, a, turn, give) in enumerate(rows):
         pin.forwardKinematics(model, data, arm.configuration(angles), v, a)
         R = pin.updateFramePlacement(model, data, payload).rotation
         V = pin.getFrameVelocity(model, data, payload, pin.LOCAL)
         A = pin.getFrameClassicalAcceleration(model, data, payload, pin.LOCAL)
         # the body's own frame at rest in translation: Pinocchio adds omega x v to the linear part
         Y[k] = pin.bodyRegressor(
-            pin.Motion(np.zeros(3), V.angular), pin.Motion(A.linear - R.T @ gravity, A.angular)
+            pin.Motion(np.zeros(3), turn @ V.angular),
+            pin.Motion(turn @ (A.linear - R.T @ gravity) + give[:3], turn @ A.angular + give[3:]),
         )
     return Y
 

@@ -11,9 +11,9 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import TracingError
 from coop_pin.compiled.simulate import simulate_batch
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Parameter
 from coop_pin.identification.effects import Effects, friction_parameters
 from coop_pin.identification.error_changes import error_changes
+from coop_pin.identification.estimate import Parameter
 from coop_pin.identification.friction import DriveFriction
 from coop_pin.model.transmission import friction as stated_friction
 from coop_pin.results.run_result import RunResult

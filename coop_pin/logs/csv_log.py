@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from coop_pin.base.arrays import Array
 from coop_pin.base.atomic_write import write_atomically
 from coop_pin.base.errors import FileReadError
 from coop_pin.logs.topics import FIELDS, Kind, Topic
@@ -38,30 +39,22 @@ def read_csv(file: Path, topics: Iterable[str], second: float = 1.0) -> dict[str
     values = table.apply(pd.to_numeric, errors="coerce")
     read = {}
     for name in topics:
-        columns = [column for column in values if str(column).startswith(f"{name}.")]
+        columns = {
+            tuple(str(column).removeprefix(f"{name}.").partition(".")[::2]): values[column].to_numpy()
+            for column in values
+            if str(column).startswith(f"{name}.")
+        }
         if columns:
-            read[name] = _topic(
-                name,
-                {str(one).removeprefix(f"{name}."): values[one].to_numpy() for one in columns},
-                values["time"].to_numpy(),
-                second,
-                file,
-            )
+            time = columns.pop(("stamp", ""), values["time"].to_numpy())
+            read[name] = _topic(name, columns, second * time, file)
     return read
 
 
-def _topic(
-    name: str, columns: Mapping[str, np.ndarray], time: np.ndarray, second: float, file: Path
-) -> Topic:
-    """Return a topic of its columns."""
-    fields: dict[str, dict[str, np.ndarray]] = {}
-    for column, values in columns.items():
-        field, _, component = column.partition(".")
-        fields.setdefault(field, {})[component] = values
-    time = fields.pop("stamp", {}).get("", time)
-    kind: Kind | None = next((kind for kind in reversed(FIELDS) if [*FIELDS[kind]][-1] in fields), None)
-    if kind is None and "position" in fields:
-        kind = "JointState"
+def _topic(name: str, columns: Mapping[tuple[str, ...], Array], time: Array, file: Path) -> Topic:
+    """Return a topic of its columns by field and component."""
+    fields = {field for field, _ in columns}
+    states: Kind | None = "JointState" if "position" in fields else None
+    kind = next((kind for kind in reversed(FIELDS) if [*FIELDS[kind]][-1] in fields), states)
     if kind is None:
         raise FileReadError(
             f"topic {name!r} has the fields {sorted(fields)}; it must have those of {FIELDS}", str(file)
@@ -69,17 +62,20 @@ def _topic(
     if not len(time):
         raise FileReadError(f"topic {name!r} has no samples", str(file))
     first, *others = FIELDS[kind]
-    components = tuple(fields.get(first, next(iter(fields.values())))) if kind == "JointState" else ()
-    topic = Topic(kind, time * second, {}, components)
-    read = {}
-    for field in (first, *others):
-        if field in fields or field == first or kind != "JointState":
-            parts, columns = topic.components(field), fields.get(field, {})
-            if missing := [part for part in parts if part not in columns]:
-                raise FileReadError(f"has no column {name}.{field}.{missing[0]}", str(file))
-            read[field] = np.stack([columns[part] for part in parts], axis=1)
+    named = next(field for field in (first, *others) if field in fields)
+    topic = Topic(kind, time, {}, tuple(part for field, part in columns if field == named))
+    needed = fields | {first} if kind == "JointState" else {first, *others}
+    parts = {field: topic.components(field) for field in FIELDS[kind] if field in needed}
+    try:
+        read = {
+            field: np.stack([columns[field, part] for part in of_field], axis=1)
+            for field, of_field in parts.items()
+        }
+    except KeyError as missing:
+        raise FileReadError(f"has no column {'.'.join((name, *missing.args[0]))}", str(file)) from None
     has = np.isfinite(read[first]).all(axis=1) & np.isfinite(time)
-    return topic._replace(time=topic.time[has], values={field: values[has] for field, values in read.items()})
+    joints = topic.joints if kind == "JointState" else ()
+    return Topic(kind, time[has], {field: values[has] for field, values in read.items()}, joints)
 
 
 def write_csv(topics: Mapping[str, Topic], file: Path) -> None:

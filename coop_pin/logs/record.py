@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from coop_pin.base.arrays import Array, require_path, require_type
 from coop_pin.base.errors import ArgumentError, FileReadError
@@ -98,7 +99,11 @@ class Record:
             view = arm.kinematics.view
             sees = has_wrist and not scenario.cell.jointed and not scenario.cell.shared_joints
             seen = np.array([view(arm.configuration(each)).pose for each in q]) if sees else X_WP
-            wrench = at_tip(F, seen, arm.X_PE)
+            X_PE = arm.X_PE
+            if arm.stiffness is not None:  # the wrist is behind the spring
+                off = np.nan_to_num(of_arm.grasp_deflection.values)
+                X_PE = X_PE @ poses_of(off[:, :3], Rotation.from_rotvec(off[:, 3:]).as_quat())
+            wrench = at_tip(F, seen, X_PE)
             arms[name] = ArmRecord(time, q, v, of_arm.torque.values[:, :n] @ T, time, wrench)
         return cls(arms, time, poses_of(data.desired_position.values, data.desired_quaternion.values))
 
@@ -217,9 +222,10 @@ def at_tip(F_P: Array, X_WP: Array, X_PE: Array) -> Array:
     Args:
         F_P: wrenches, shape (n, 6).
         X_WP: poses of the payload, shape (n, 4, 4).
-        X_PE: pose of the tip in the payload frame.
+        X_PE: pose of the tip in the payload frame, shape (4, 4) or (n, 4, 4).
     """
-    R = X_WP[:, :3, :3] @ X_PE[:3, :3]
-    lever = X_WP[:, :3, :3] @ X_PE[:3, 3]
+    X_PE = np.broadcast_to(X_PE, X_WP.shape)
+    R = X_WP[:, :3, :3] @ X_PE[:, :3, :3]
+    lever = (X_WP[:, :3, :3] @ X_PE[:, :3, 3:])[..., 0]
     moment = F_P[:, 3:] - np.cross(lever, F_P[:, :3])
     return np.hstack((np.einsum("nji,nj->ni", R, F_P[:, :3]), np.einsum("nji,nj->ni", R, moment)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import NameNotFoundError
@@ -48,6 +49,7 @@ class CellArm(ArmModel):
         super().__init__(self.description, self.X_PE, cell.gravity, name=name)
         self.share, self.rows = cell.share(name), cell.task_rows
         grasp = cell.grasps[name]
+        self._held, self._grasp = cell.payload, grasp
         self.stiffness = np.array(grasp.stiffness) if isinstance(grasp, CompliantGrasp) else None
         self.grasp_rows = cell.grasp_rows(name) if isinstance(grasp, JointGrasp) else None
         if isinstance(grasp, JointGrasp) and self.nv < self.rows.size:
@@ -70,6 +72,23 @@ class CellArm(ArmModel):
     def spare(self) -> int:
         """Number of joints beyond the rows of its grasp; negative with fewer."""
         return int(self.nv - (self.grasp_rows or self.rows).size)
+
+    def spring_lag(self, q: Array) -> Array:
+        """Return D / K of the spring of its grasp, in axes of the tip, s, shape (6,).
+
+        Args:
+            q: Configuration at which a damping ratio gives D, as at the start of a run.
+        """
+        grasp, payload = self._grasp, self._held
+        assert isinstance(grasp, CompliantGrasp)
+        if grasp.damping is not None:
+            return np.array(grasp.damping) / np.array(grasp.stiffness)
+        J = np.kron(np.eye(2), self.payload_pose(q)[:3, :3].T) @ self.payload_jacobian(q)
+        inertia = pin.Inertia(payload.mass, np.zeros(3), np.array(payload.inertia_matrix)).matrix()
+        mobility = J @ np.linalg.solve(self.mass_matrix(q), J.T) + np.linalg.inv(inertia)
+        A = pin.SE3(self.X_PE).toActionMatrixInverse()
+        W = np.diagonal(A @ mobility @ A.T)
+        return np.asarray(2.0 * grasp.damping_ratio / np.sqrt(np.array(grasp.stiffness) * W))
 
     def task_jacobian(self, q: Array, R_WP: Array | None = None) -> Array:
         """Return J = S J_WP T^-1 with V_WP = J qdot on the task rows S, shape (k_0, nv).

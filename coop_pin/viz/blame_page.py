@@ -11,8 +11,8 @@ import numpy as np
 from coop_pin.base.arrays import typed
 from coop_pin.figures.blame_figures import blame_figure, views_figure
 from coop_pin.identification.answer import Blame
-from coop_pin.identification.closure import Fit
 from coop_pin.identification.effects import friction_parameters
+from coop_pin.identification.estimate import Fit
 from coop_pin.viz.log_replay import logged_run
 from coop_pin.viz.page import inside_page, save_page, web_file
 from coop_pin.viz.replay import replay_html

@@ -79,9 +79,9 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"chain", "control", "description", "feasibility", "grasps", "model", "simulation"},
         {"pinocchio", "scipy"},
     ),
-    "logs": ({"description", "model", "results"}, {"mcap", "mcap_ros2", "pandas", "pyarrow"}),
+    "logs": ({"description", "model", "results"}, {"mcap", "mcap_ros2", "pandas", "pyarrow", "scipy"}),
     "identification": (
-        {"compiled", "description", "logs", "model", "results", "simulation"},
+        {"compiled", "description", "grasps", "logs", "model", "results", "simulation"},
         {"pinocchio", "scipy"},
     ),
     "running": (
