@@ -767,6 +767,7 @@ def test_show_prints_the_cell_as_a_tree(capsys):
     assert "12 rows, rank 9 (3 redundant); 3 degrees of freedom" in printed
 
 
+@pytest.mark.gate
 def test_check_ends_with_the_verdict(tmp_path, capsys):
     assert main(["check", "adept-paper", "--poses", "5"]) == 0
     assert "sigma_min" in capsys.readouterr().out

@@ -214,6 +214,7 @@ def test_runs_of_another_plan_are_not_taken_and_other_folders_are_refused(scenar
     assert caught.value.path == str(tmp_path / "nothing")
 
 
+@pytest.mark.gate
 def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_path, monkeypatch):
     """A law that can be traced, with noise and without; one that calls Pinocchio runs singly beside it."""
     monkeypatch.setattr(engine_choice, "_TICKS_PER_JOINT", 1)  # else too few ticks for a batch
@@ -276,7 +277,7 @@ def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(sear
         controllers_for(scenario, names, gains=gains)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_gains_beyond_the_sampled_bound_are_not_taken(scenarios, tmp_path):
     """K of the spatial cell has T lambda over 1 along the motion, whatever the pose gain."""
     execution = cp.Execution(workers=0, quiet=True)
@@ -433,10 +434,11 @@ def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
 
 
 @pytest.mark.gate
-def test_the_cost_of_gains_is_the_mean_of_the_runs_of_four_trials(scenarios, searched):
-    _, folder, (row, _) = searched
+def test_the_cost_of_gains_is_the_mean_of_the_runs_of_four_trials(scenarios, tmp_path):
+    short = {"duration": 0.05, "execution": cp.Execution(workers=0, quiet=True)}
+    (row,) = tune_controllers(scenarios[0], ["payload-pd"], out=tmp_path, generations=0, **short)
     scenario = benchmark_scenario(scenarios[0], 0.05)
-    law = controllers_for(scenario, ["payload-pd"], gains=folder / "gains.csv")["payload-pd"]
+    law = controllers_for(scenario, ["payload-pd"], gains=tmp_path / "gains.csv")["payload-pd"]
     trials = [standard_trials(scenario)[name].changes for name in tuned_trials(scenario)]
     fields = {"controller": law, "seed": row["seed"]}
     runs = [measures(cp.run(scenario, fields | changes, warn=False)) for changes in trials]

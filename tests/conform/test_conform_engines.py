@@ -47,7 +47,7 @@ def conform_modules():
             del sys.modules[name]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:suspicious values in the URDF")
 def test_engines_that_are_installed_have_the_closed_forms(conform_modules):
     """In the cases that need no time to come to rest; the others are on the page."""

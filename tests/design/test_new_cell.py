@@ -35,8 +35,8 @@ CELLS = {
 }
 
 
-LONG = {"unlike": "gate", "three": "slow"}
-"""Cells whose proposals take long, and the tiers of their tests."""
+LONG = ("unlike", "three")
+"""Cells whose proposals take long; a command of the README makes the first."""
 
 
 @functools.cache
@@ -47,7 +47,7 @@ def proposed(name):
 
 @pytest.fixture(
     scope="module",
-    params=["planar", *(pytest.param(name, marks=getattr(pytest.mark, mark)) for name, mark in LONG.items())],
+    params=["planar", *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)],
 )
 def made(request):
     return request.param, proposed(request.param)
@@ -281,7 +281,7 @@ def test_xacro_arguments_reach_the_arms(tmp_path, monkeypatch):
     assert [arm.xacro_args for arm in scenario.cell.arms.values()] == [{"reach": "2"}] * 2
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_motion_that_asks_for_most_of_what_the_task_allows_is_slowed():
     """At the whole speed 0.067 N m were to be expected, and the run has 0.11 of the 0.1 that are allowed."""
     suggested = cp.new_cell(["b1-z1", "b1-z1"], mass=1.79, squeeze=11.9)

@@ -351,7 +351,7 @@ def test_closures_that_are_redundant_everywhere_or_nowhere_are_no_problem(name):
     assert closure_problem(cp.Scenario.load(name)) == ""
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_closures_that_lose_rank_at_the_start_are_told_and_refused(tmp_path, capsys):
     level = short(carry("level", [LEVEL] * 2, by=(0.0, 0.0, 0.1), rows="positional"))
     assert cp.feasibility.reachability(level, poses=5).ok
@@ -408,6 +408,7 @@ def test_what_a_cell_cannot_do_is_named_before_a_run(six):
     assert refused(six.override({"cell.payload.mass": 200.0})) == "torque"
 
 
+@pytest.mark.gate
 def test_the_command_prints_and_writes_a_proposal_that_passes_its_check(six, suggestion, tmp_path, capsys):
     """From a file without gains: none are needed."""
     fields = tomllib.loads(six.to_toml())

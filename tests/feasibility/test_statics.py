@@ -375,7 +375,7 @@ def test_show_suggests_scenarios_and_robots(capsys):
     assert "'panda'" in capsys.readouterr().err
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_robots_can_be_listed_and_each_name_is_an_arms(capsys):
     assert main(["list", "--robots"]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -156,7 +156,7 @@ def test_the_arms_benchmark_starts_both_engines_alike(benchmark_module, capsys):
     assert "2 arms: coop_pin" in capsys.readouterr().out
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_the_benchmark_of_the_command_prints_time_of_run_and_tick(benchmark_module, capsys, monkeypatch):
     bench, known = benchmark_module("bench_run"), {}
 

@@ -13,7 +13,7 @@ from test_docs import missing_names
 
 FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
-LONG = {"compare_laws", "four_bar", "motions", "sweep_force_gain"}
+LONG = {"blame_a_log", "compare_laws", "four_bar", "motions", "sweep_force_gain"}
 """Examples of many or long runs: two thirds of the time of all. What they call runs in tests of its own."""
 QUICK = {"internal_force_split"}
 """Examples that run in the default tier, too."""

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from page_texts import require_numbers
+from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.comparison import Comparison, controller_names, tick_costs
@@ -95,7 +96,7 @@ def test_every_point_of_every_plan_is_a_scenario(draw):
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.gate] * (name != "force_gain")) for name in COUNTS],
+    by_default(COUNTS, "force_gain", others=pytest.mark.slow),
 )
 def test_the_command_runs_says_and_draws_a_study(draw, tiny, tmp_path, monkeypatch, capsys, name):
     results = tiny(name)

@@ -114,7 +114,7 @@ def test_the_workflow_publishes_what_the_tool_builds():
     assert f" docs {folder} " in (REPOSITORY / "tools" / "docs.sh").read_text(encoding="utf-8")
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()

@@ -153,6 +153,7 @@ def test_the_wheel_is_for_any_platform_and_says_what_pyproject_says(wheel):
     assert dict(scripts["console_scripts"]) == PROJECT["scripts"]
 
 
+@pytest.mark.gate
 def test_the_sdist_holds_every_file_of_the_repository_and_nothing_that_was_made(sdist):
     names = set(files_of(sdist))
     assert sdist.name == f"coop_pin-{coop_pin.__version__}"

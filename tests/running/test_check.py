@@ -203,7 +203,7 @@ def test_an_arm_that_the_plan_loses_is_an_error_where_the_others_cannot_carry():
         assert {finding.severity for finding in lost if finding.place == "right"} == {"note"}
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_what_is_suggested_passes_its_check():
     suggestion = cp.suggest(cell_of("spatial"), poses=11)
     assert len(suggestion.findings().of("error", "warning")) == 0
@@ -217,7 +217,7 @@ def test_the_catalogue_has_no_errors(name):
     assert {finding.kind for finding in findings.of("warning")} <= {"grasp frame"}
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_drive_that_the_motion_overloads_later_is_named_by_a_run():
     """At the start every drive of this Baxter holds; two seconds later a wrist is at its limit."""
     scenario = cp.Scenario.load("baxter-box", {"cell.payload.mass": 4.73, "events": [], "duration": 6.0})
@@ -230,7 +230,7 @@ def test_a_drive_that_the_motion_overloads_later_is_named_by_a_run():
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("kind", by_default(SOUND, "planar"))
+@pytest.mark.parametrize("kind", by_default(SOUND, "planar", others=pytest.mark.slow))
 def test_a_start_out_of_reach_is_a_finding_not_an_exception(kind):
     """A payload five metres away: what can be known is listed, and what cannot is named."""
     scenario = cell_of(kind)

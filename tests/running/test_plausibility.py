@@ -201,7 +201,7 @@ def test_a_path_that_leaves_the_reach_is_told_before_the_run():
     assert warnings_of(far.replace(duration=0.2)) == []
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_run_tells_the_elbow_that_its_spring_does_not_hold_as_check_does(tmp_path, capsys):
     soft = cp.Scenario.load("two-pandas-box", SHORT | {"controller.posture.stiffness": 3.0})
     (said,) = (said for said in warnings_of(soft) if "the motion" not in said)

@@ -298,7 +298,8 @@ class WithWeight(ArmController):
 
 @pytest.mark.gate
 @pytest.mark.parametrize(
-    ("constant", "allowed"), by_default([(False, 0.5e-3), (True, 1e-3)], (False, 0.5e-3))
+    ("constant", "allowed"),
+    by_default([(False, 0.5e-3), (True, 1e-3)], (False, 0.5e-3), others=pytest.mark.slow),
 )
 def test_law_23_takes_the_motion_of_the_lift_off(constant, allowed, tmp_path):
     """With true gravity torques (the robot's own and J^T of the weight), and with those held at the start."""

@@ -259,7 +259,7 @@ def test_the_command_draws_a_root_locus(tmp_path, capsys):
     assert "stable at 0.8 to 1.2" in capsys.readouterr().out
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_the_figure_shows_every_eigenvalue_the_own_ones_and_the_bounds():
     locus = cp.stability.root_locus(
         cp.Scenario.load("adept-anchored"), "controller.gains.sliding_gain", [1.0, 2.4, 2.7]

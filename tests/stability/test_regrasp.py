@@ -63,6 +63,7 @@ def test_a_take_hold_that_will_miss_is_an_error_whose_remedy_holds(name):
     assert cp.run(cured, warn=False).task.state != "lost"
 
 
+@pytest.mark.gate
 def test_grasps_of_the_others_that_give_nothing_leave_what_the_tip_itself_had():
     scenario = regrasping(SPATIAL, 5e-3)
     first = next(iter(scenario.cell.grasps))

@@ -153,7 +153,7 @@ def elsewhere(tmp_path_factory, code):
         yield Elsewhere(address, process, environment(folder, code))
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_scheduler_with_tls_gives_the_bits_of_a_single_process(tmp_path, elsewhere):
     """And a run that ends its process is one failed run."""
     assert elsewhere.address.startswith("tls://")

@@ -268,6 +268,7 @@ except cp.CoopPinError as error:
 """
 
 
+@pytest.mark.gate
 def test_code_that_stands_in_no_file_is_refused_because_its_edits_cannot_be_seen(place):
     done = subprocess.run(
         [sys.executable, "-c", NOTEBOOK], cwd=place, capture_output=True, text=True, check=True, timeout=120

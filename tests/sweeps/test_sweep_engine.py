@@ -377,6 +377,7 @@ except MissingExtraError as error:
 """
 
 
+@pytest.mark.gate
 def test_without_dask_sweeps_work_and_a_scheduler_says_what_to_install(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_DASK],

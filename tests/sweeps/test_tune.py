@@ -230,7 +230,7 @@ def pools(monkeypatch):
     return opened
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_one_set_of_workers_serves_the_search_and_its_history_is_that_of_one_process(tmp_path, search, pools):
     """Also if they die between generations."""
     undisturbed, folder = search

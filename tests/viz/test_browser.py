@@ -383,7 +383,7 @@ JUMPS = """(end) => {
     return [jumps, Math.max(...changes) / end]; }"""
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_labels_do_not_jump_and_numbers_change_four_times_a_second_while_a_run_plays(tmp_path):
     scenario = cp.Scenario.load("three-ur5-handover")
     result = cp.run(scenario.replace(duration=4.0, events=scenario.events[:1]), warn=False)
@@ -488,6 +488,7 @@ def test_the_replay_obeys_the_keyboard_and_speaks_to_screen_readers(tmp_path):
         page.wait_for_function(f"window.coopPin !== undefined && Math.abs({NOW} - 0.25) < 0.02")
 
 
+@pytest.mark.gate
 def test_without_webgl_plots_and_tiles_work_and_the_page_says_so(tmp_path):
     result = cp.run(spatial_scenario().replace(duration=0.3), warn=False)
     save_replay(result, tmp_path / "replay.html")

@@ -184,7 +184,7 @@ def test_the_curves_are_the_recorded_ones(name):
 FAST = ["--duration", "0.1", "--events", "[]", "--quiet", "--no-replay", "--no-figures"]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_report_is_written_from_a_folder_or_a_file(tmp_path, capsys):
     assert main(["run", "adept-paper", "--out", str(tmp_path), *FAST]) == 4
     assert not (tmp_path / "report.html").exists()
@@ -194,6 +194,7 @@ def test_report_is_written_from_a_folder_or_a_file(tmp_path, capsys):
     assert (tmp_path / "again.html").read_bytes() == (tmp_path / "report.html").read_bytes()
 
 
+@pytest.mark.gate
 def test_run_writes_a_report_when_asked_and_leaves_no_old_one(tmp_path):
     assert main(["run", "adept-paper", "--out", str(tmp_path), "--report", *FAST]) == 4
     written = (tmp_path / "report.html").read_bytes()

@@ -872,7 +872,7 @@ def test_an_unreadable_mesh_is_warned_of_and_the_rest_is_drawn(tmp_path) -> None
     assert missing == {"left/joint_3"}
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_the_page_of_a_long_run_has_as_many_numbers_as_that_of_one_of_some_minutes():
     """Frames are further apart."""
     lengths = [
