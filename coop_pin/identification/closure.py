@@ -62,7 +62,7 @@ class ViewClosure:
         parameters: parameters that move a view.
         prior: their standard deviations.
         noise: noise of the joint positions of every arm, shape (nv,) each.
-        springs: where the springs of grasps let tips be in their grasp frames, as functions of time.
+        springs: poses of tips in their grasp frames by the springs of grasps, as functions of time.
     """
 
     def __init__(

@@ -130,7 +130,7 @@ def _regressors(arm: CellArm, samples: Filtered, gravity: Array, tips: Array) ->
 
     Args:
         arm: the arm.
-        samples: its samples.
+        samples: samples of the arm.
         gravity: m/s^2, world axes, shape (3,).
         tips: poses of the tip in the payload frame, shape (n, 4, 4).
     """
