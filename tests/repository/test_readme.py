@@ -13,6 +13,7 @@ import pytest
 from browser import chromium
 from matplotlib import pyplot as plt
 from page_texts import read_numbers
+from PIL import Image
 from test_architecture import PACKAGES
 
 import coop_pin
@@ -73,6 +74,14 @@ def test_the_front_pages_are_short_and_light():
         pictures = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
         assert pictures, page
         assert sum((page.parent / picture).stat().st_size for picture in pictures) <= MOST_BYTES, page
+
+
+def test_every_loop_has_bytes_and_frames():
+    loops = sorted((REPOSITORY / "docs" / "_static" / "gallery").glob("*.webp"))
+    assert {loop.stem for loop in loops} >= set(coop_pin.scenario_names())
+    for loop in loops:
+        with Image.open(loop) as drawn:
+            assert drawn.n_frames >= 10, loop
 
 
 @pytest.mark.gate
