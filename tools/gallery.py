@@ -33,6 +33,13 @@ SECONDS, FRAMES_PER_SECOND = 6.0, 5.0
 SCENE_ONLY = """html, body, main { display: block !important; height: 100% !important; }
     nav, aside, #caption, #views { display: none !important; } #view { height: 100% !important; }
     #tension { width: 170px !important; }"""
+PANES_ONLY = {
+    "</head>": "<style>header { height: 0; padding: 0 !important; overflow: hidden; }</style></head>",
+    ".pane button.told { display: flex;": ".pane button.told { display: none;",
+    ".pane .verdict { white-space": ".pane .verdict { display: none; white-space",
+    '"#tension { width: 130px; }"': '"#tension { display: none; }"',
+}
+"""What replaces parts of a page of several runs: titles and verdicts cannot be read in a loop."""
 LAWS = "laws"
 BIAS: dict[str, Any] = {
     "events": [],
@@ -52,9 +59,9 @@ def save_loop(name: str, *runs: RunResult, names: tuple[str, ...] = (), width: i
     count = int(SECONDS * FRAMES_PER_SECOND)
     times = np.linspace(0.0, max(run.end for run in runs), count)
     page = replay_html(*runs, names=names, times=times)
-    if len(runs) == 1:
-        page = page.replace("</head>", f"<style>{SCENE_ONLY}</style></head>")
-    page = page.replace(".pane button.told { display: flex;", ".pane button.told { display: none;")
+    scene = {"</head>": f"<style>{SCENE_ONLY}</style></head>"}
+    for part, other in (scene if len(runs) == 1 else PANES_ONLY).items():
+        page = page.replace(part, other, 1)
     images = [
         Image.open(io.BytesIO(image)).convert("RGB") for image in page_images(page, times, width, height)
     ]
@@ -92,7 +99,7 @@ def main() -> None:
     for name in () if options.page else options.names or (*scenario_names(), LAWS):
         if name == LAWS:
             runs = [cp.run(scenario, BIAS | changes) for scenario, changes in FOUR_LAWS.values()]
-            file = save_loop(name, *runs, names=tuple(FOUR_LAWS), width=1280, height=760)
+            file = save_loop(name, *runs, names=tuple(FOUR_LAWS), width=800, height=860)
         else:
             file = save_loop(name, cp.run(name), width=480, height=320)
         print(f"{file.relative_to(REPOSITORY)}: {file.stat().st_size / 1e6:.2f} MB", flush=True)

@@ -50,7 +50,7 @@ def test_the_picture_of_four_laws_has_the_numbers_of_its_text():
         "README",
         r"off by (\d+) mm, and the motion .* α(?: of|,) ([\d.]+),? it .* apart with (\d+) N after (\d+) s",
     )
-    require_numbers("README", {r"one arm's kinematics off by (\d) mm\]": float(bias)})
+    require_numbers("README", {r"one arm's kinematics off by (\d) mm. width": float(bias)})
     *losses, kept = (
         read_numbers("README", text)
         for text in (

@@ -71,7 +71,7 @@ def test_every_command_is_coop_pin_or_a_tool_that_exists_and_is_sound_shell():
 def test_the_front_pages_are_short_and_light():
     assert len(README.split()) <= MOST_WORDS
     for page in (REPOSITORY / "README.md", REPOSITORY / "docs" / "index.md"):
-        pictures = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
+        pictures = re.findall(r'(?:!\[[^\]]*\]\(|<img src=")([^)"]+)[)"]', page.read_text(encoding="utf-8"))
         assert pictures, page
         assert sum((page.parent / picture).stat().st_size for picture in pictures) <= MOST_BYTES, page
 
