@@ -3,7 +3,6 @@
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.base.spatial.grasp_rows import internal_dimension
 from coop_pin.feasibility.freedoms import freedoms
 
 KINDS, JOINTS = ("rigid", "hinge", "cylinder", "ball"), (6, 5, 4, 3)
@@ -38,7 +37,8 @@ def counted(kind, joints):
     cell = cp.Cell(arms=held, payload=cp.Payload.box(mass=3.0, size=(0.3, 0.2, 0.1)), grasps=grasps)
     still, law = cp.motions.HoldMotion(pose=pose), cp.Scenario.load("two-pandas-hinges").controller
     scenario = cp.Scenario(name=kind, cell=cell, start=pose, motion=still, controller=law, duration=1.0)
-    return freedoms(scenario).left, internal_dimension(cell.transmitted())
+    G = np.hstack(list(cell.transmitted()))
+    return freedoms(scenario).left, G.shape[1] - int(np.linalg.matrix_rank(G, 1e-6))
 
 
 def compared():
