@@ -50,7 +50,7 @@ def blame(
 
     Raises:
         FileReadError: the file is missing or damaged, or has no such topic.
-        ArgumentError: there is no scenario, grasps are joints, or shared joints move.
+        ArgumentError: there is no scenario, grasps are joints, shared joints move, or no view may be off.
         ScenarioError: the scenario has mistakes.
     """
     record, scenario = _read(log, scenario)
@@ -160,3 +160,8 @@ def _require_sizes(priors: Priors) -> None:
         sizes = as_array(f"priors.{name}", getattr(priors, name), *np.shape(usual))
         if (sizes < 0.0).any():
             raise ArgumentError(f"priors.{name} is {sizes.tolist()}; it must not be negative")
+    of_views = ("tip", "base", "joint", "link", "clock")
+    if not any(np.any(getattr(priors, name)) for name in of_views):
+        raise ArgumentError(
+            f"priors of {', '.join(of_views)} are all 0: no view may be off; give one of them"
+        )

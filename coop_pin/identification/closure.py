@@ -200,7 +200,7 @@ class ViewClosure:
         """
         z = np.zeros(len(self.prior))
         clocks = [k for k, one in enumerate(self.parameters) if one.part == "clock"]
-        for _ in range(_ALIGNS):
+        for _ in range(_ALIGNS if clocks else 0):
             residual, A = self._whitened(z)
             late = A.reshape(*residual.shape, -1)[..., clocks]
             late = (late - late.mean(axis=0)).reshape(-1, len(clocks))

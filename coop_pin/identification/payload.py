@@ -77,10 +77,12 @@ def payload_fit(
     count = len(parameters)  # beyond them what the kinematics leave open, in sds
     sds += [*[*np.repeat(priors.wrist, 3)] * len(names), *sds_of_hands]
     prior = np.array([*sds, *np.ones(len(kinematics.x))])
-    first = samples[names[0]]
+    first, late = samples[names[0]], kinematics.late
     X = [
-        np.array([pin.SE3(one).toDualActionMatrix() for one in closure.tip(name, first.time + late)])
-        for name, late in ({names[0]: 0.0} | kinematics.late).items()
+        np.array(
+            [pin.SE3(one).toDualActionMatrix() for one in closure.tip(name, first.time + late.get(name, 0.0))]
+        )
+        for name in names
     ]
     gravity = np.array(scenario.cell.gravity)
     Y = _regressors(arms[names[0]], first, gravity, closure.tip(names[0], first.time))

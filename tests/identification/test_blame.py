@@ -262,11 +262,22 @@ def test_a_log_without_a_cell_is_refused_and_a_law_without_a_formula_is_named():
     left = {"arms": {"left": pair.cell.arms["left"]}, "grasps": {"left": pair.cell.grasps["left"]}}
     with pytest.raises(ArgumentError):
         cp.blame(cp.run(pair.replace(cell=pair.cell.replace(**left), squeeze={}, duration=0.2), warn=False))
-    for wrong in (Priors(hand=0.1), Priors(forecast=np.nan), Priors(wrist=(-2.0, 0.1))):
+    exact = Priors(tip=(0.0, 0.0), base=(0.0, 0.0), joint=0.0, link=0.0, clock=0.0)
+    for wrong in (Priors(hand=0.1), Priors(forecast=np.nan), Priors(wrist=(-2.0, 0.1)), exact):
         with pytest.raises(ArgumentError, match="priors"):
             cp.blame(cp.run(pair.replace(duration=0.2), warn=False), priors=wrong)
     assert "sliding-mode" in uncovered(cp.Scenario.load("adept-paper"))
     assert uncovered(cp.Scenario.load("two-pandas-box")) == ""
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_clocks_that_are_known_are_not_fitted(name):
+    run = cp.run(name, {"sensors.wrist": {}, "duration": 3.0, "events": []}, warn=False)
+    answer = cp.blame(run, priors=Priors(clock=0.0))
+    assert answer.findings.ok
+    assert answer.kinematics.late == {}
+    assert abs(answer.payload.x[0]) < 3.0 * answer.payload.sd[0]  # of the mass, beside the stated one
 
 
 @pytest.mark.slow
