@@ -83,6 +83,15 @@ def payload(kind: str, is_planar: bool) -> dict:
     }
 
 
+def lid_with_a_stop(name: str, upper: float, **stop) -> cp.Scenario:
+    """A box with a flap whose hinge has its upper stop at an angle, m and kg."""
+    lid = payload("lid", is_planar=name.startswith("adept"))
+    assert 'upper="2.0"' in lid["path"]
+    lid["path"] = lid["path"].replace('upper="2.0"', f'upper="{float(upper)!r}"')
+    lid["joints"]["hinge"] |= stop
+    return linked(name, "lid", **{"cell.payload": lid})
+
+
 def linked(name: str, kind: str, **changes) -> cp.Scenario:
     """A scenario of the catalogue with a payload of links; the arms hold both ends of a beam or table."""
     scenario = cp.Scenario.load(name)

@@ -47,7 +47,7 @@ class CellKinematics:
         cell: the description.
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         transmission: transmission between drives and joints, with their friction.
-        stops: end stops of the arms' joints.
+        stops: end stops of the joints of arms and payload.
         joints: joints of a payload of several links; None of one body.
         springs: the compliant grasps in it.
         rigid: the rigid grasps in it that are closures.
@@ -72,9 +72,9 @@ class CellKinematics:
         self.cell = cell
         self.model = CellModel(cell, options.payload)
         self.transmission = Transmission(cell, self.model.arms, self.model.model.nv, self.model.shared)
-        self.stops = CellStops(cell, self.model.arms, self.model.model.nv)
-        self.joints = None if cell.payload.links is None else PayloadJoints(cell, self.model)
         self.rigid = RigidGrasps(cell, self.model, options)
+        self.stops = CellStops(cell, self.model)
+        self.joints = None if cell.payload.links is None else PayloadJoints(cell, self.model, self.stops)
         self.elements = ForceElements(self.model)
         self.springs = GraspSprings(cell, self.model, self.elements)
         self.patches = ContactPatches(cell, self.model, self.elements)

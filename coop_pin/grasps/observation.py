@@ -35,7 +35,7 @@ class Observation(NamedTuple):
         patch_slip: distance that each has slid, m, shape (..., p); likewise.
         stop_force: force of the end stops on the joints of each arm, N m or N, NaN for arms without, shape
             (..., m, k); None where no arm has stops.
-        stop_energy: energy in the end stops, J, shape (...); likewise.
+        stop_energy: energy in the end stops of arms and payload, J, shape (...); None without any.
         partner_wrench: wrench of the partner that took hold last on the payload, about P in world axes, N
             and N m, shape (..., 6); None without one.
         partner_deflection: deflection of its handle in axes of its point, m and rad, likewise.
@@ -50,7 +50,7 @@ class Observation(NamedTuple):
             shape (..., n); None of one body.
         payload_joint_velocity: their rates, rad/s or m/s, likewise.
         payload_joint_force: forces of their springs, dampers, friction and stops, N m or N, likewise.
-        payload_joint_energy: energy in their springs and stops, J, shape (...); likewise.
+        payload_joint_energy: energy in their springs, J, shape (...); likewise.
         wheel_force: force of the ground on each of b bases that roll: ahead, to the left, up, N, shape
             (..., b, 3); None without any.
     """

@@ -1,4 +1,4 @@
-"""Joints between the links of a payload: springs, dampers, friction and stops, and their angles at rest."""
+"""Joints between the links of a payload: springs, dampers, friction, and their angles at rest."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from coop_pin.base.spatial import rotate_vector6, shift_wrench
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.joint_friction import JointFriction
 from coop_pin.model.cell_model import CellModel
-from coop_pin.model.joint_stops import JointStops, StopState
+from coop_pin.model.joint_stops import CellStops, StopState
 from coop_pin.model.pinocchio_model import jacobian_matrix, symmetric
 
 _RANK = 1e-9
@@ -31,42 +31,36 @@ _NEUTRAL = 1e-9
 class PayloadJoints:
     """Undriven joints of a payload of several links, in the coordinates of the tree of a cell.
 
-    With the angle q of a joint, its rate v and the force of its stops::
+    With the angle q of a joint and its rate v, besides its stops::
 
-        tau = -k (q - q_rest) - c v - mu tanh(v / v_c) + tau_stops
+        tau = -k (q - q_rest) - c v - mu tanh(v / v_c)
 
     Attributes:
         linked: the joints in the tree.
         stiffness: k, N m/rad or N/m, shape (n,).
         damping: c, N m s/rad or N s/m, shape (n,).
-        stops: stops at the limits of the URDF.
     """
 
-    def __init__(self, cell: Cell, tree: CellModel) -> None:
+    def __init__(self, cell: Cell, tree: CellModel, stops: CellStops) -> None:
         """Read the joints of a cell whose payload has several links."""
         links, linked = cell.payload.links, tree.linked
         assert links is not None
         assert linked is not None
-        self._cell, self._tree, self.linked = cell, tree, linked
+        self._cell, self._tree, self._stops, self.linked = cell, tree, stops, linked
         model, stated = tree.model, [links.joint(name) for name in linked.joint_names]
-        at, entries = linked.v_slice, linked.q_slice.start + linked.angles.entry
         self.stiffness = np.array([joint.stiffness for joint in stated])
         self._rest = np.array([joint.rest for joint in stated])
         self.damping, self._coulomb = (
             np.array(
-                [of_urdf if value is None else value for value, of_urdf in zip(rows, urdf[at], strict=True)]
+                [
+                    of_urdf if value is None else value
+                    for value, of_urdf in zip(rows, urdf[linked.v_slice], strict=True)
+                ]
             )
             for rows, urdf in (
                 ([joint.damping for joint in stated], model.damping),
                 ([joint.friction for joint in stated], model.friction),
             )
-        )
-        has_stop = ~linked.angles.continuous
-        self.stops = JointStops(
-            np.where(has_stop, model.lowerPositionLimit[entries], 0.0),
-            np.where(has_stop, model.upperPositionLimit[entries], 0.0),
-            np.array([joint.stop_stiffness for joint in stated]) * has_stop,
-            np.array([joint.stop_damping for joint in stated]) * has_stop,
         )
 
     def positions(self, q: Array) -> Array:
@@ -74,27 +68,20 @@ class PayloadJoints:
         return self.linked.angles.of(q[self.linked.q_slice])
 
     def state(self, q: Array, v: Array) -> StopState:
-        """Return force in the tree, shape (nv,), energy of springs and stops, and the power that is lost."""
-        force = np.zeros(len(v))
-        joints, energy, power = self._state(self.positions(q), v[self.linked.v_slice])
-        force[self.linked.v_slice] = joints
-        return StopState(force, energy, power)
-
-    def _state(self, angles: Array, rates: Array) -> StopState:
-        deflection, stopped = angles - self._rest, self.stops.state(angles, rates)
+        """Return force in the tree, shape (nv,), energy of springs, and the power that is lost."""
+        force, rates, deflection = np.zeros(len(v)), v[self.linked.v_slice], self.positions(q) - self._rest
         spring = self.stiffness * deflection
         lost = self.damping * rates + self._coulomb * np.tanh(rates / JointFriction().coulomb_velocity)
-        energy = 0.5 * float(spring @ deflection) + float(stopped.energy)
-        return StopState(stopped.force - spring - lost, energy, float(stopped.power) - float(lost @ rates))
+        force[self.linked.v_slice] = -spring - lost
+        return StopState(force, 0.5 * float(spring @ deflection), -float(lost @ rates))
 
     def quantities(self, q: Array, v: Array) -> dict[str, Any]:
         """Return what is observed of the joints at a state, by name."""
-        positions, rates = self.positions(q), v[self.linked.v_slice]
-        state = self._state(positions, rates)
+        state, at = self.state(q, v), self.linked.v_slice
         return {
-            "payload_joint_position": positions,
-            "payload_joint_velocity": rates,
-            "payload_joint_force": state.force,
+            "payload_joint_position": self.positions(q),
+            "payload_joint_velocity": v[at],
+            "payload_joint_force": (state.force + self._stops.state(q, v).force)[at],
             "payload_joint_energy": state.energy,
         }
 
@@ -118,14 +105,14 @@ class PayloadJoints:
         assert links is not None
         model, data, R = self._tree.model, self._tree.model.createData(), X_WP[:3, :3]
         pin.forwardKinematics(model, data, q)
-        g = pin.computeGeneralizedGravity(model, data, q)
+        force = self._still(q)
         if linked.root:
             X_PR = pin.SE3(X_WP).actInv(data.oMi[linked.root])
             entry = int(model.idx_vs[linked.root])
-            W = X_PR.act(pin.Force(-g[entry : entry + 6])).vector
+            W = X_PR.act(pin.Force(force[entry : entry + 6])).vector
         else:  # any wrench that does the work of weight and spring: the split takes the least one
-            s, at = links.freedom, int(model.idx_vs[linked.joint])
-            W = s * (self.state(q, np.zeros(model.nv)).force[at] - g[at]) / (s @ s)
+            s = links.freedom
+            W = s * force[int(model.idx_vs[linked.joint])] / (s @ s)
         if not cell.splits_load:
             return np.outer(cell.shares, rotate_vector6(R, W))
         return rotate_vector6(R, cell.loads_within([True] * len(cell.arms)) @ W)
@@ -297,4 +284,5 @@ class PayloadJoints:
         """Return the generalised force of springs, stops and weights at rest, shape (nv,)."""
         model = self._tree.model
         g = pin.computeGeneralizedGravity(model, model.createData(), q)
-        return np.asarray(self.state(q, np.zeros(model.nv)).force - g)
+        rest = np.zeros(model.nv)
+        return np.asarray(self.state(q, rest).force + self._stops.state(q, rest).force - g)

@@ -1,24 +1,30 @@
-"""End stops of the joints of arms: one-sided springs and dampers in the plant."""
+"""End stops of the joints of arms and payloads: one-sided springs and dampers in the plant."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
-from coop_pin.model.cell_model import ArmPlace
+from coop_pin.description.cell.linkage import Linkage
+from coop_pin.model.cell_model import ArmPlace, CellModel
 from coop_pin.model.joint_limits import PASSIVE, JointLimits, per_joint
+from coop_pin.model.mechanism_model import LinkedPayload
+from coop_pin.model.pinocchio_model import symmetric
 
 _Numbers = NDArray[Any]
 """Floats or traced numbers."""
 _FAR = 1e6
 """Limit in place of none, rad or m."""
+_SWING = 30.0
+"""Rate of a joint of a payload on a stop whose stiffness is not stated, 1/s."""
 
 
 class StopState(NamedTuple):
@@ -43,12 +49,14 @@ class JointStops(NamedTuple):
         upper: largest joint positions, likewise.
         stiffness: k, N m/rad or N/m, shape (k,); zero for a joint without limits.
         damping: c, N m s/rad or N s/m, shape (k,).
+        damping_ratio: that of the joint on its stop, one for all joints or shape (k,).
     """
 
     lower: _Numbers
     upper: _Numbers
     stiffness: _Numbers
     damping: _Numbers
+    damping_ratio: _Numbers | float = 0.0
 
     @classmethod
     def of_arm(cls, arm: Arm, name: str) -> JointStops | None:
@@ -73,11 +81,33 @@ class JointStops(NamedTuple):
         else:
             stiffness = has_stop * per_joint(np.array(arm.stops.stiffness), joints, path)
         lower, upper = (np.clip(limit, -_FAR, _FAR) for limit in (limits.lower, limits.upper))
-        return cls(lower, upper, stiffness, np.zeros(joints))
+        return cls(lower, upper, stiffness, np.zeros(joints), arm.stops.damping_ratio)
 
-    def damped(self, ratio: float, mobility: Array) -> JointStops:
+    @classmethod
+    def of_payload(cls, links: Linkage, linked: LinkedPayload) -> JointStops:
+        """Return the stops of the joints of a payload without damping; continuous ones have none.
+
+        Where k is not stated it is w^2 / W, with w = 30 rad/s and the mobility W of the joint in the payload
+        that nobody holds, so that w is the most in any grasps at the start.
+        """
+        model, at, joints = linked.model, linked.v_slice, [links.joint(name) for name in linked.joint_names]
+        q, first = pin.neutral(model), at.start - (6 if linked.root else 0)
+        q[linked.q_slice] = linked.angles.configuration(linked.start)
+        M = symmetric(pin.crba(model, model.createData(), q))[first : at.stop, first : at.stop]
+        stated = [joint.stop_stiffness for joint in joints]
+        k = [
+            _SWING**2 / W if value is None else value
+            for value, W in zip(stated, np.diag(np.linalg.inv(M))[-len(joints) :], strict=True)
+        ]
+        has_stop, entries = ~linked.angles.continuous, linked.q_slice.start + linked.angles.entry
+        limits = (model.lowerPositionLimit[entries], model.upperPositionLimit[entries])
+        lower, upper = (np.where(has_stop, limit, 0.0) for limit in limits)
+        ratios = np.array([joint.stop_damping_ratio for joint in joints])
+        return cls(lower, upper, has_stop * np.array(k), np.zeros(len(joints)), ratios)
+
+    def damped(self, mobility: Array) -> JointStops:
         """Return the stops with the damping c = 2 ratio sqrt(k / W), W of each joint, shape (k,)."""
-        return self._replace(damping=2.0 * ratio * np.sqrt(self.stiffness / mobility))
+        return self._replace(damping=2.0 * self.damping_ratio * np.sqrt(self.stiffness / mobility))
 
     def state(self, q: _Numbers, v: _Numbers) -> StopState:
         """Return forces, energy and power at joint positions and rates, floats or traced, shape (k,) each.
@@ -96,55 +126,68 @@ class JointStops(NamedTuple):
 
 
 class CellStops:
-    """End stops of the arms of a cell, in the coordinates of its tree.
+    """End stops of the arms of a cell and of the joints of its payload, in the coordinates of its tree.
 
     Attributes:
         arms: stops of each arm; None where it has none.
+        payload: stops of a payload of several links; None of one body.
     """
 
-    def __init__(self, cell: Cell, slots: Sequence[ArmPlace], nv: int) -> None:
+    def __init__(self, cell: Cell, tree: CellModel) -> None:
         """Read the stops; raises as ``JointStops.of_arm``."""
-        self._cell, self._slots, self._nv = cell, slots, nv
+        self._tree, self.payload = tree, None
         self.arms = [JointStops.of_arm(arm, name) for name, arm in cell.arms.items()]
+        if cell.payload.links is not None and tree.linked is not None:
+            self.payload = JointStops.of_payload(cell.payload.links, tree.linked)
 
     def __bool__(self) -> bool:
-        """Return whether an arm has stops."""
-        return any(stops is not None for stops in self.arms)
+        """Return whether there are stops."""
+        return any(True for _ in self)
+
+    def __iter__(self) -> Iterator[tuple[ArmPlace | LinkedPayload, JointStops]]:
+        """Yield the stops of each arm that has any, and of the payload, and the place of their joints."""
+        places = (*self._tree.arms, self._tree.linked)
+        for place, stops in zip(places, (*self.arms, self.payload), strict=True):
+            if place is not None and stops is not None:
+                yield place, stops
 
     def damp(self, mobility: Array) -> None:
         """Set the damping, by the mobility of each joint, shape (nv,)."""
-        for index, (stops, slot) in enumerate(zip(self.arms, self._slots, strict=True)):
-            options = self._cell.arms[slot.name].stops
-            if stops is not None and options is not None:
-                self.arms[index] = stops.damped(options.damping_ratio, mobility[slot.v_slice])
+        slots = self._tree.arms
+        self.arms = [
+            stops and stops.damped(mobility[slot.v_slice])
+            for stops, slot in zip(self.arms, slots, strict=True)
+        ]
+        if self.payload is not None and self._tree.linked is not None:
+            self.payload = self.payload.damped(mobility[self._tree.linked.v_slice])
 
     def rates(self, mobility: Array) -> Array:
         """Return sqrt(k W) of each joint on its stop, 1/s, shape (nv,)."""
-        rates = np.zeros(self._nv)
-        for stops, slot in zip(self.arms, self._slots, strict=True):
-            if stops is not None:
-                rates[slot.v_slice] = np.sqrt(stops.stiffness * mobility[slot.v_slice])
+        rates = np.zeros(self._tree.model.nv)
+        for place, stops in self:
+            rates[place.v_slice] = np.sqrt(stops.stiffness * mobility[place.v_slice])
         return rates
 
     def state(self, q: Array, v: Array) -> StopState:
         """Return the stops at a state of the tree; forces of shape (nv,)."""
-        force, energy, power = np.zeros(self._nv), 0.0, 0.0
-        for arm, slot in zip(self._states(q, v), self._slots, strict=True):
-            if arm is not None:
-                force[slot.v_slice] = arm.force
-                energy, power = energy + float(arm.energy), power + float(arm.power)
+        force, energy, power = np.zeros(len(v)), 0.0, 0.0
+        for place, stops in self:
+            state = stops.state(place.angles.of(q[place.q_slice]), v[place.v_slice])
+            force[place.v_slice] = state.force
+            energy, power = energy + float(state.energy), power + float(state.power)
         return StopState(force, energy, power)
 
     def quantities(self, q: Array, v: Array) -> dict[str, Any]:
-        """Return what is observed of the stops at a state, by name; nothing where no arm has any."""
-        values = stop_quantities(self._states(q, v), [len(slot.drive) for slot in self._slots])
-        return {name: np.asarray(value, dtype=float) for name, value in values.items()}
-
-    def _states(self, q: Array, v: Array) -> list[StopState | None]:
-        pairs = zip(self.arms, self._slots, strict=True)
-        return [
-            stops and stops.state(slot.angles.of(q[slot.q_slice]), v[slot.v_slice]) for stops, slot in pairs
+        """Return what is observed of the stops at a state, by name; nothing where there are none."""
+        slots = self._tree.arms
+        states = [
+            stops and stops.state(slot.angles.of(q[slot.q_slice]), v[slot.v_slice])
+            for stops, slot in zip(self.arms, slots, strict=True)
         ]
+        values = stop_quantities(states, [len(slot.drive) for slot in slots])
+        if self.payload is not None:
+            values["stop_energy"] = self.state(q, v).energy
+        return {name: np.asarray(value, dtype=float) for name, value in values.items()}
 
 
 def stop_quantities(states: Sequence[StopState | None], joints: Sequence[int]) -> dict[str, Any]:

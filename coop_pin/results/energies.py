@@ -12,7 +12,7 @@ WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change
 WORK_OF_GRASPS = ("work_grasps",)
 """Work after that of WORK, in cells with compliant grasps, patches or tables."""
 WORK_OF_STOPS = ("work_stops",)
-"""Work after these, in cells whose arms have end stops."""
+"""Work after these, in cells whose arms or payload have end stops."""
 WORK_OF_LINKS = ("work_payload_joints",)
 """Work after these, in cells whose payload has several links."""
 
@@ -22,7 +22,7 @@ def work_names(is_elastic: bool, has_stops: bool, has_links: bool = False) -> tu
 
     Args:
         is_elastic: Whether it has compliant grasps, patches or tables.
-        has_stops: Whether an arm of it has end stops.
+        has_stops: Whether its arms or its payload have end stops.
         has_links: Whether its payload has several links.
     """
     return WORK + is_elastic * WORK_OF_GRASPS + has_stops * WORK_OF_STOPS + has_links * WORK_OF_LINKS

@@ -190,14 +190,14 @@ QUANTITIES = (
              " soft welds of MuJoCo",
              group="elements"),
     Quantity("stop_force", "arm joint", "N m or N", "of the end stops on the joints", group="stops"),
-    Quantity("stop_energy", "", "J", "in the end stops", group="stops"),
-    Quantity("work_stops", "", "J", "done by dampers of the end stops since the start", group="stops"),
+    Quantity("stop_energy", "", "J", "in the end stops", group="stopped"),
+    Quantity("work_stops", "", "J", "done by dampers of the end stops since the start", group="stopped"),
     Quantity("payload_joint_position", "payload_joint", "rad or m", "of each joint between its links",
              group="links"),
     Quantity("payload_joint_velocity", "payload_joint", "rad/s or m/s", "rate of each", group="links"),
     Quantity("payload_joint_force", "payload_joint", "N m or N", "of spring, damper, friction and stops",
              group="links"),
-    Quantity("payload_joint_energy", "", "J", "in springs and stops of the payload's joints", group="links"),
+    Quantity("payload_joint_energy", "", "J", "in springs of the payload's joints", group="links"),
     Quantity("work_payload_joints", "", "J", "done by their dampers and friction since the start",
              group="links"),
     Quantity("servo_command", "arm joint", "rad/s or rad", "velocities or positions that the controller asked"
@@ -256,7 +256,8 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "wheels": lambda scenario: bool(scenario.cell.wheels),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
-    "stops": lambda scenario: any(arm.stops is not None for arm in scenario.cell.arms.values()),
+    "stops": lambda scenario: _stops_arms(scenario),
+    "stopped": lambda scenario: _stops_arms(scenario) or scenario.cell.payload.links is not None,
     "network": lambda scenario: scenario.network is not None,
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
@@ -271,6 +272,10 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     ),
 }
 """Whether a run of a scenario has the quantities of a group: what is measured only where it is not ideal."""
+
+
+def _stops_arms(scenario: Scenario) -> bool:
+    return any(arm.stops is not None for arm in scenario.cell.arms.values())
 
 
 def _sensors(scenario: Scenario) -> list[Sensors]:

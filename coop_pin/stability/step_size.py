@@ -145,10 +145,15 @@ _LONGEST, _LIMIT_ERROR = 4.0, 1e-4
 """Beyond the stability region of RK4; accuracy of its border."""
 
 
-_REMEDIES = {"friction": "lower the friction", "end stops": "lower stops.stiffness or raise stops.give"}
-_HIT = 0.12
-"""Largest ``h sqrt(k W)`` of a joint on its end stop with ``2 zeta <= 1``: steps straddle the first contact,
-and a hit then leaves at most 0.2 % of what it loses unexplained; stronger damping needs as much less."""
+_REMEDIES = {
+    "friction": "lower the friction",
+    "end stops": "lower stops.stiffness or raise stops.give",
+    "payload stops": "lower the stop_stiffness of the joint",
+}
+_HIT, _PAYLOAD_HIT = 0.12, 0.08
+"""Largest ``h sqrt(k W)`` of a joint of an arm, and of a payload, on its end stop with ``2 zeta <= 1``: steps
+straddle the first contact, and a hit then leaves at most 0.2 % of what the stop takes and loses unexplained;
+stronger damping needs as much less. Springs and weights of a payload's joint turn it back sooner."""
 
 
 class StepStability(NamedTuple):
@@ -161,8 +166,9 @@ class StepStability(NamedTuple):
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
-        cause: origin of the mode: "friction", "compliant grasps", "patches", "partner", "payload joints" or
-            "end stops". Of a stop, lambda is the rate of its joint on it, and the limit that of its energy.
+        cause: origin of the mode: "friction", "compliant grasps", "patches", "partner", "payload joints",
+            "end stops" or "payload stops". Of a stop, lambda is the rate of its joint on it, and the limit
+            that of its energy.
     """
 
     value: float
@@ -185,7 +191,7 @@ class StepStability(NamedTuple):
             return f"{text} is within the stability limit {self.limit:.3g} of the plant's steps"
         steps = math.ceil(self.steps_per_tick * self.value / self.limit)
         remedy = _REMEDIES.get(self.cause, "use a softer or less damped element")
-        of_what = "limit of the energy of a hit" if self.cause == "end stops" else "stability limit"
+        of_what = "limit of the energy of a hit" if "stops" in self.cause else "stability limit"
         return (
             f"{text} exceeds the {of_what}, {self.limit:.3g}, of the plant's steps."
             f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or {remedy}"
@@ -283,19 +289,20 @@ def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
 
 
 def _stop_steps_at(simulation: Simulation, time: float, q: Array) -> list[StepStability]:
-    """Return how well the plant's steps follow a hit of each arm's joint whose end stop is fastest at a pose.
+    """Return how well the plant's steps follow a hit of the worst joint of each arm and of the payload.
 
     A joint on its stop swings at w = sqrt(k W), with W its mobility in the closed chain.
     """
     chain, clock, stabilities = simulation.chain, simulation.scenario.clock, list[StepStability]()
     rates, h = chain.stops.rates(chain.joint_mobility(q)), clock.period / clock.steps_per_tick
-    for slot in simulation.slots:
-        if (stops := chain.cell.arms[slot.name].stops) is not None:
-            joint = int(np.argmax(rates[slot.v_slice]))
-            value, names = h * float(rates[slot.v_slice][joint]), (slot.angles.names[joint],)
-            limit = _HIT / max(1.0, 2.0 * stops.damping_ratio)
-            steps = clock.steps_per_tick
-            stabilities.append(StepStability(value, limit, steps, names, time, "end stops"))
+    for place, stops in chain.stops:
+        values = h * rates[place.v_slice]
+        cause, hit = ("payload stops", _PAYLOAD_HIT) if stops is chain.stops.payload else ("end stops", _HIT)
+        limits = np.broadcast_to(hit / np.maximum(1.0, 2.0 * stops.damping_ratio), values.shape)
+        joint = int(np.argmax(values / limits))
+        number, limit = float(values[joint]), float(limits[joint])
+        names = (place.angles.names[joint].replace("payload.", "payload/"),)
+        stabilities.append(StepStability(number, limit, clock.steps_per_tick, names, time, cause))
     return stabilities
 
 

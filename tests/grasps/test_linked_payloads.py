@@ -11,6 +11,7 @@ from linked_cells import (
     door,
     hanging_rope,
     joint,
+    lid_with_a_stop,
     link,
     linked,
     pulled_rope,
@@ -334,6 +335,67 @@ def test_links_that_nobody_holds_are_found():
     inertia = 0.5 * 0.16**2 / 12.0 + 0.5 * 0.01**2 / 12.0 + 0.5 * 0.08**2
     frequency = np.sqrt(0.5 * 9.81 * 0.08 / inertia) / (2.0 * np.pi)
     assert by_kind["payload mode"].value == pytest.approx(frequency, rel=2e-3)
+
+
+def mobility(M: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """Speed of each coordinate after a unit impulse on it, with J v = 0."""
+    _, sizes, rows = np.linalg.svd(J)
+    N = rows[int((sizes > 1e-10 * sizes[0]).sum()) :].T
+    return np.diag(N @ np.linalg.solve(N.T @ M @ N, N.T))
+
+
+@pytest.mark.parametrize("kind", ["lid", "table", "door"])
+@pytest.mark.parametrize("name", CELLS)
+def test_a_joint_swings_at_30_per_second_on_its_default_stop_in_nobodys_hands_and_slower_in_grasps(
+    name, kind
+):
+    scenario, chain, q = unstabilised(name, kind)
+    own, links, stops = OwnTree(scenario, chain), scenario.cell.payload.links, chain.stops.payload
+    text = links.text
+    part = (
+        pin.buildModelFromXML(text) if links.base else pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    )
+    M = pin.crba(part, part.createData(), pin.neutral(part))
+    W_free = np.linalg.inv(np.triu(M) + np.triu(M, 1).T)[-1, -1]
+    assert_allclose(stops.stiffness * W_free, 30.0**2, rtol=1e-12)
+    J, _ = own.closures(q[own.order_q], np.zeros(own.model.nv))
+    M = pin.crba(own.model, own.data, q[own.order_q])
+    W = mobility(np.triu(M) + np.triu(M, 1).T, J)[-1]
+    rate = chain.stops.rates(chain.joint_mobility(q))[chain.model.linked.v_slice]
+    assert_allclose(rate, np.sqrt(stops.stiffness * W), rtol=1e-8)
+    assert rate < 30.0
+    PinocchioPlant(chain, scenario.plant, q)
+    assert_allclose(stops.damped(np.array([W])).damping, chain.stops.payload.damping, rtol=1e-8)
+    assert_allclose(chain.stops.payload.damping * W, rate, rtol=1e-8)  # 2 zeta = 1
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(
+    ("name", "upper", "events"),
+    [
+        ("adept-anchored", 0.1002, []),  # the motion swings it into its stop
+        ("two-pandas-box", 0.15, [{"kind": "gravity-turn", "time": 0.05, "gravity": (0.0, 3.0, -9.0)}]),
+    ],
+)
+def test_a_stop_too_stiff_for_the_steps_is_found_and_its_remedy_makes_the_run_sound(name, upper, events):
+    short = {"duration": 0.4, "events": events}
+    stiff, default = (
+        lid_with_a_stop(name, upper, friction=0.0, **stop).override(short)
+        for stop in ({"stop_stiffness": 2000.0}, {})
+    )
+    assert not cp.run(stiff, warn=False).simulation_sound
+    (finding,) = cp.check(stiff, poses=3).of("error")
+    assert (finding.kind, "payload/hinge" in finding.sentence) == ("plant steps", True)
+    chain = CellChain(stiff.cell, stiff.plant)
+    W = chain.joint_mobility(chain.configuration(stiff.start.matrix))[chain.model.linked.v_slice]
+    h = stiff.clock.period / stiff.clock.steps_per_tick
+    assert finding.value == pytest.approx(h * np.sqrt(2000.0 * W[0]), rel=1e-2)  # the worst pose
+    for run in (cp.run(scenario, warn=False) for scenario in (stiff.override(finding.remedy), default)):
+        assert run.simulation_sound, run.verdict()
+        assert run.data["work_stops"].values[-1] < -1e-6
+        force, depth = (run.data[f"payload_joint_{key}"].values[:, 0] for key in ("force", "position"))
+        assert depth.max() > upper
+        assert force[depth.argmax()] < -5e-3
 
 
 @pytest.mark.gate

@@ -31,7 +31,7 @@ def observed(cell: CellNumbers) -> dict[str, tuple[int, ...]]:
     m, n = len(cell.arms), len(cell.compliant)
     groups = ("", "grasps", "elements") if n else ("",)
     if any(stops is not None for stops in cell.stops):
-        groups = (*groups, "stops")
+        groups = (*groups, "stops", "stopped")
     k = max(len(arm.bodies) for arm in cell.arms)
     fields = [each for each in QUANTITIES if each.name in Observation._fields and each.group in groups]
     forms = {"payload_pose": (3, 4), "grasp_deflection": (n, 3, 4), "grasp_wrench": (n, 6)}

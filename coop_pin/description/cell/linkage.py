@@ -30,8 +30,9 @@ class PayloadJoint(Description):
         rest: Angle or travel at which the spring is relaxed, rad or m.
         damping: Damping, N m s/rad or N s/m; that of the URDF when omitted.
         friction: Coulomb friction, N m or N; that of the URDF when omitted.
-        stop_stiffness: Stiffness of the stops at the limits of the URDF, N m/rad or N/m.
-        stop_damping: Damping of the stops, N m s/rad or N s/m.
+        stop_stiffness: Stiffness k of the stops at the limits of the URDF, N m/rad or N/m; 0 for none. When
+            omitted that at which the joint of the payload in nobody's hands swings at 30 rad/s on them.
+        stop_damping_ratio: Damping of the joint on its stop in the grasps at the start; 1 is critical.
     """
 
     start: float = 0.0
@@ -39,8 +40,8 @@ class PayloadJoint(Description):
     rest: float = 0.0
     damping: NotNegative | None = None
     friction: NotNegative | None = None
-    stop_stiffness: NotNegative = 500.0
-    stop_damping: NotNegative = 5.0
+    stop_stiffness: NotNegative | None = None
+    stop_damping_ratio: NotNegative = 0.5
 
 
 class LinkBody(NamedTuple):
