@@ -255,5 +255,5 @@ def with_payload_weight(gains: G, arm: ControlledArm, scenario: Any) -> G:
     """Return sized gains with a ``payload_weight``: where none is stated, that of the payload."""
     if fields_of(gains)["payload_weight"] is not None:
         return gains
-    weight = arm.rows.select(weight_wrench(scenario.cell.payload.mass, arm.gravity))
+    weight = arm.rows.select(weight_wrench(scenario.cell.payload.total_mass, arm.gravity))
     return refilled(gains, {"payload_weight": weight})

@@ -25,7 +25,9 @@ from coop_pin.base.spatial import FullRows
 from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.urdf import find_urdf
 from coop_pin.grasps import CellChain
+from coop_pin.running.payload_findings import payload_findings
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.simulation import Simulation
 
 CELLS = ("adept-anchored", "two-pandas-box")
 LWA = pin.LOCAL_WORLD_ALIGNED
@@ -318,9 +320,6 @@ def test_what_a_linked_payload_does_not_go_with_is_refused_by_name():
 
 
 def test_links_that_nobody_holds_are_found():
-    from coop_pin.running.payload_findings import payload_findings
-    from coop_pin.simulation.simulation import Simulation
-
     held = linked("two-pandas-box", "beam")
     kinds = {finding.kind for finding in payload_findings(Simulation(held))}
     assert kinds == {"payload mode"}
@@ -335,6 +334,37 @@ def test_links_that_nobody_holds_are_found():
     inertia = 0.5 * 0.16**2 / 12.0 + 0.5 * 0.01**2 / 12.0 + 0.5 * 0.08**2
     frequency = np.sqrt(0.5 * 9.81 * 0.08 / inertia) / (2.0 * np.pi)
     assert by_kind["payload mode"].value == pytest.approx(frequency, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("part", "ratio", "severity"),
+    [
+        (0.245, 0.0, "note"),
+        (0.255, 0.0, "warning"),
+        (0.5, 0.049, "warning"),
+        (0.5, 0.051, "note"),
+        (1.96, 0.0, "warning"),
+        (2.04, 0.0, "note"),
+    ],
+)
+@pytest.mark.parametrize("name", CELLS)
+def test_a_mode_between_a_quarter_and_twice_the_control_rate_that_is_not_damped_is_warned_of(
+    name, part, ratio, severity
+):
+    """I w^2 = k + m g l of a flap that hangs straight from a still box, c = 2 zeta sqrt(I (k + m g l))."""
+    is_planar = name.startswith("adept")
+    rate = cp.Scenario.load(name).clock.rate_hz
+    if is_planar:  # the hinge is upright, through the flap's centre
+        inertia, pull = 0.5 * (0.4**2 + 0.01**2) / 12.0, 0.0
+    else:
+        inertia, pull = 0.5 * (0.01**2 + 0.16**2) / 12.0 + 0.5 * 0.08**2, 0.5 * 9.81 * 0.08
+    w = 2.0 * np.pi * part * rate
+    hinge = {"stiffness": inertia * w**2 - pull, "rest": 0.0, "damping": 2.0 * ratio * inertia * w}
+    simulation = Simulation(lid_with_a_stop(name, 2.0, friction=0.0, **hinge))
+    mode = next(finding for finding in payload_findings(simulation) if finding.kind == "payload mode")
+    assert (mode.severity, mode.limit) == (severity, rate)
+    assert_allclose(mode.value, part * rate, rtol=1e-6)
+    assert f"damping ratio {ratio:.2g}" in mode.sentence or ratio == 0.0
 
 
 def mobility(M: np.ndarray, J: np.ndarray) -> np.ndarray:
