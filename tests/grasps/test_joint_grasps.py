@@ -256,6 +256,35 @@ def test_a_bias_leaves_the_internal_force_of_its_formula_on_a_planar_hinge():
     assert result.simulation_sound
 
 
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [
+        pytest.param("adept-anchored", {"right": "hinge"}, marks=pytest.mark.gate),
+        pytest.param("two-pandas-box", {"left": "hinge", "right": "hinge"}, marks=pytest.mark.slow),
+        pytest.param("two-pandas-box", {"right": "ball"}, marks=pytest.mark.slow),
+    ],
+)
+def test_a_zeroed_law_leaves_nothing_of_a_bias_after_the_tips_have_turned_on_their_joints(name, kinds):
+    """The frame of a corrected grasp is fixed in the tip, at C from t_0 on: joints turn about C, so b = 0."""
+    bias, start = (1e-3, 5e-4, 0.0), cp.Scenario.load(name).start
+    goal = start.replace(xyz=np.add(start.xyz, (0.03, 0.04, 0.0)), rpy=np.add(start.rpy, (0.0, 0.0, 0.15)))
+    line = cp.motions.LineMotion(start=start, goal=goal, start_time=0.2, duration=1.5)
+    changes = {"motion": line, "duration": 4.0, "squeeze": {}, "start_angles": {}, "events": ()}
+    changes |= {"cell.arms.right.calibration_error.tip.xyz": bias, "controller.anchor_bias": "none"}
+    changes |= LIGHT_WRIST if "ball" in kinds.values() else {}
+    scenario = jointed(name, kinds, **changes, **{"controller.zero_at_grasp": True})
+    result = cp.run(scenario, warn=False)
+    q, slot = result.data["configuration"].values, CellChain(scenario.cell).model.arms[1]
+    assert np.abs(bias_wrenches(scenario, q[-1], 1, bias)).max() > 0.05  # without zero
+    seen = [
+        arm.tip_pose(x[slot.q_slice])[:3, :3] for arm in CellChain(scenario.cell).arms[1:] for x in q[[0, -1]]
+    ]
+    R = [pin.Quaternion(x).matrix() for x in result.data["payload_quaternion"].values[[0, -1]]]
+    turned = pin.log3((R[0].T @ seen[0]).T @ R[1].T @ seen[1])
+    assert np.linalg.norm(turned) > 0.02
+    assert_allclose(at_rest(result), 0.0, atol=1e-3)
+
+
 def test_sampled_damping_names_the_light_wrist_that_a_hinge_makes_spare():
     usual = {"controller.posture.damping": 8.0, "controller.posture.stiffness": 40.0}
     stability = sampled_stability(jointed("adept-anchored", {"right": "hinge"}, **usual))

@@ -9,6 +9,7 @@ import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError, InfeasibleMotionError, ScenarioError
 from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.cell.grasp import ToolTip
+from coop_pin.grasps import CellChain
 from coop_pin.reference.motions import CircleMotion, SwingMotion
 from coop_pin.reference.pose_reference import PoseReference, check_consistency
 from coop_pin.simulation.build_controller import build_controller
@@ -89,6 +90,95 @@ def test_absolute_and_relative_errors_decay_at_the_rates_of_their_gains(cell):
     assert abs(slow_a - slow_r) > 0.08 * slow_r
     for rate in (slow_a, slow_r):
         assert np.sum(np.abs(found - rate) < 0.05 * rate) >= scenario.cell.task_rows.size
+
+
+def both_moving(cell: str, rho: float, **changes) -> cp.Scenario:
+    """Part and tool on circles of 1 cm, at 6 and, on the part, at 9 rad/s; a PD of single arms' inertia."""
+    base = two_things(cell)
+    grasp = base.cell.grasps["right"]
+    tip = {"xyz": grasp.xyz, "rpy": grasp.rpy}
+    circles = [
+        {"kind": "circle", "pose": pose, "radius": 0.01, "angular_rate": rate, "ramp": 0.3}
+        for pose, rate in ((base.start.model_dump(), 6.0), (tip, 9.0))
+    ]
+    stated = two_things(cell, rho=rho, motion=circles[1], **changes)
+    slowest = 0.5 * RATES[cell] * min(1.0, rho) / max(1.0, rho)
+    scenario = with_gains(stated, sign_gain=0.0, pose_gain=0.1 * slowest)
+    still = {"controller.posture": {"stiffness": 0.0, "damping": 0.0}}
+    return scenario.override(still | {"motion": circles[0], "duration": 1.0})
+
+
+def accelerations(scenario: cp.Scenario, times) -> np.ndarray:
+    """Desired accelerations of the two payload frames, shape (n, 2, 6)."""
+    tool, motion = scenario.cell.tools["right"], scenario.motion
+    parts = [motion.at(float(t)) for t in times]
+    return np.array(
+        [(part.A_WP_d, tool.carried(part, float(t)).A_WP_d) for part, t in zip(parts, times, strict=True)]
+    )
+
+
+def tracked(scenario: cp.Scenario, times) -> np.ndarray:
+    """Errors of L_i (e_i'' + a_i) = -c_i K_i [s_a + rho (s_i - s_a)] by small steps, shape (n, 2, k_0)."""
+    rows, cell, rho = list(scenario.cell.task_rows.indices), scenario.cell, scenario.controller.relative_gain
+    chain = CellChain(cell, scenario.plant)
+    q, R = chain.configuration(scenario.start.matrix), scenario.start.matrix[:3, :3]
+    turn = np.kron(np.eye(2), R)[np.ix_(rows, rows)]
+    L, G = [], []
+    for arm, slot in zip(chain.arms, chain.model.arms, strict=True):
+        J = arm.payload_jacobian(q[slot.q_slice])[rows]
+        L.append(np.linalg.inv(J @ np.linalg.solve(arm.mass_matrix(q[slot.q_slice]), J.T)))
+        gains = scenario.controller.arm_gains[arm.name].sized(len(rows), 0)
+        G.append(0.5 * turn @ gains.sliding_gain @ turn.T)
+        gamma = float(gains.pose_gain[0, 0])
+    body = np.diag([cell.payload.mass] * 3 + [0.0] * 3)
+    body[3:, 3:] = R @ cell.payload.inertia_matrix @ R.T
+    L[0] = L[0] + body[np.ix_(rows, rows)]
+    lead = [np.linalg.solve(L_i, G_i) for L_i, G_i in zip(L, G, strict=True)]
+    e, v, errors, n = np.zeros((2, len(rows))), np.zeros((2, len(rows))), [], 20
+    h = (times[1] - times[0]) / n
+    for a in accelerations(scenario, times)[:, :, rows]:
+        errors.append(e.copy())
+        for _ in range(n):
+            s = v + gamma * e
+            s = s.mean(axis=0) + rho * (s - s.mean(axis=0))
+            v = v - h * (a + np.array([each @ s_i for each, s_i in zip(lead, s, strict=True)]))
+            e = e + h * v
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("rho", [0.5, 2.0])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
+def test_a_part_and_a_tool_that_move_are_tracked_as_their_linear_loops_say(cell, rho):
+    scenario = both_moving(cell, rho)
+    result = cp.run(scenario, warn=False)
+    data, rows = result.data, list(scenario.cell.task_rows.indices)
+    e = np.zeros((len(data.time), 2, 6))
+    e[:, :, rows] = tracked(scenario, data.time.values)
+    assert_allclose(data.pose_error.values, e[:, 0], atol=0.15 * np.abs(e[:, 0]).max())
+    R, grasp = scenario.start.matrix[:3, :3], scenario.cell.grasps["right"].matrix
+    apart = e[:, 1] - e[:, 0]
+    at_tip = (apart[:, :3] + np.cross(apart[:, 3:], R @ grasp[:3, 3])) @ R
+    shown = data.relative_error.values[:, 1, :3]
+    assert np.abs(at_tip).max() > 1e-4
+    assert_allclose(shown, at_tip, atol=0.1 * np.abs(at_tip).max())
+
+
+@pytest.mark.parametrize("rho", [0.5, 2.0])
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
+def test_errors_of_a_light_part_and_a_tool_that_move_stay_below_their_bound(cell, rho):
+    """From rest ``|e| <= max |a| / (lambda gamma)`` where lambda >= 4 gamma: a response that is positive."""
+    light = {"cell.payload.mass": 1e-5, "cell.payload.inertia": [1e-8] * 3 + [0.0] * 3}
+    scenario = both_moving(cell, rho, **light)
+    data = cp.run(scenario, warn=False).data
+    a = accelerations(scenario, data.time.values)[:, :, :3]
+    gamma = scenario.controller.gains.pose_gain
+    rates = {"absolute": 0.5 * RATES[cell] / max(1.0, rho)}
+    rates["relative"] = rho * rates["absolute"]
+    for name, motion in (("absolute", a.mean(axis=1)), ("relative", a[:, 1] - a[:, 0])):
+        bound = np.linalg.norm(motion, axis=1).max() / (rates[name] * gamma)
+        errors = data[f"{name}_error"].values.reshape(len(a), -1, 6)[:, -1, :3]
+        assert rates[name] >= 4.0 * gamma
+        assert 0.3 * bound < np.linalg.norm(errors, axis=1).max() < 1.01 * bound  # arms turn as they move
 
 
 class Seen(PoseReference):
