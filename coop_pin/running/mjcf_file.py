@@ -15,7 +15,8 @@ from coop_pin.simulation.simulation import Simulation
 def write_mjcf(scenario: Scenario, file: Path) -> None:
     """Write the cell of a scenario as MJCF, with its start as key frame "start" and its integration step.
 
-    Drives, friction, sensors and law are not in it. It is written without MuJoCo, and replaces a former file.
+    Drives, friction, springs between links of a payload, sensors and law are not in it. It is written without
+    MuJoCo, and replaces a former file.
 
     Args:
         scenario: Scenario whose grasps do not give.

@@ -140,7 +140,7 @@ def test_a_bias_leaves_rho_times_the_force_of_arms_by_themselves(name, k_I, rho)
     off = np.nan_to_num((data.internal_wrench - data.desired_internal_wrench).values[-1, 0, :3])
     K, gamma, beta = gains.sliding_gain[0], gains.pose_gain, 0.1 * base.clock.rate_hz
     expected = rho * 0.5 * K * gamma * 0.5e-3 * (k_I / beta if k_I else 1.0)
-    assert_allclose(np.linalg.norm(off), expected, rtol=0.02, atol=2e-3)
+    assert_allclose(np.linalg.norm(off), expected, rtol=0.01, atol=1e-3)
     assert_allclose(steady_errors(scenario, bias=1e-3).force, expected, rtol=1e-9)
 
 

@@ -336,6 +336,24 @@ def test_links_that_nobody_holds_are_found():
     assert by_kind["payload mode"].value == pytest.approx(frequency, rel=2e-3)
 
 
+@pytest.mark.gate
+@pytest.mark.parametrize("name", CELLS)
+def test_engine_mujoco_moves_the_links_alike(name):
+    """Its welds give: poses and angles to 1e-7, wrenches to 5 mN."""
+    pytest.importorskip("mujoco")
+    scenario = linked(name, "lid", duration=0.5)
+    scenario = scenario if name == CELLS[0] else scenario.override({"motion.start_time": 0.0})
+    ours, theirs = (cp.run(scenario, engine=engine, warn=False).data for engine in ("pinocchio", "mujoco"))
+    assert np.ptp(ours["payload_joint_position"].values) > 1e-4
+    for quantity, allowed in (
+        ("payload_position", 1e-7),
+        ("payload_joint_position", 1e-7),
+        ("payload_joint_force", 1e-5),
+        ("interaction_wrench", 5e-3),
+    ):
+        assert_allclose(theirs[quantity].values, ours[quantity].values, rtol=0.0, atol=allowed)
+
+
 @pytest.mark.parametrize(
     ("part", "ratio", "severity"),
     [

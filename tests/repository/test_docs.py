@@ -21,9 +21,12 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote, urlparse
 
+import numpy as np
 import pytest
 from browser import browser_page
 from built_once import built_once
+from linked_cells import box_with_lid
+from page_texts import rounds_to
 from source_trees import parsed
 
 import coop_pin
@@ -323,6 +326,7 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
         pytest.param("concepts/messages.md", marks=pytest.mark.slow),
         pytest.param("concepts/commands.md", marks=pytest.mark.gate),
         pytest.param("howto/arm.md", marks=pytest.mark.slow),
+        "howto/doors-lids-beams.md",
         pytest.param("howto/grasps.md", marks=pytest.mark.gate),
         pytest.param("howto/laws.md", marks=pytest.mark.gate),
         "howto/mechanism.md",
@@ -336,6 +340,44 @@ def test_python_on_a_page_runs(name, tmp_path, monkeypatch):
     names = {"__name__": "__main__"}
     exec(compile("\n".join(blocks(DOCS / name, "python")), name, "exec"), names)
     assert any(getattr(value, "__name__", "").startswith("coop_pin") for value in names.values())
+
+
+def test_the_payload_of_links_on_the_page_runs_and_its_limits_are_named(tmp_path, monkeypatch):
+    page = DOCS / "howto" / "doors-lids-beams.md"
+    (fields,) = map(tomllib.loads, blocks(page, "toml"))
+    (tmp_path / "box_with_lid.urdf").write_text(box_with_lid(), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    scenario = coop_pin.Scenario.load("two-pandas-box", {"duration": 0.01, "motion.start_time": 0.0})
+    cell = scenario.model_dump()["cell"]
+    cell["grasps"]["right"] |= fields["cell"]["grasps"]["right"]
+    scenario = coop_pin.Scenario(
+        **scenario.model_dump() | {"cell": cell | fields["cell"] | {"grasps": cell["grasps"]}}
+    )
+    assert scenario.cell.held_links == {"right": "lid"}
+    hinge = scenario.cell.payload.links.joint("hinge")
+    assert (hinge.stiffness, hinge.damping) == (1.5, 0.02)
+    data = coop_pin.run(scenario, warn=False).data
+    names = re.search(r"`payload_joint_position`((?:,| and) `_\w+`)+", page.read_text(encoding="utf-8"))
+    assert names is not None
+    for name in re.findall(r"`(\w+)`", names[0]):
+        assert (name if name.startswith("p") else f"payload_joint{name}") in data
+    text = page.read_text(encoding="utf-8").lower()
+    assert all(words in text for words in ("no rods of large deflection", "no cloth"))
+
+
+def test_the_table_of_lengths_is_the_load_on_hinges_of_the_cell():
+    text = (DOCS / "howto" / "grasps.md").read_text(encoding="utf-8")
+    _, _, table = text.partition("| $l$, m |")
+    rows = re.findall(r"^\| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", table, re.MULTILINE)
+    assert len(rows) == 4
+    cell = coop_pin.Scenario.load("two-pandas-hinges").cell
+    weight = cell.payload.mass * np.array([*cell.gravity, 0.0, 0.0, 0.0])
+    for length, *told in rows:
+        stated = cell.replace(split_length=float(length))
+        for F in stated.loads_within([True, True]) @ weight:
+            sizes = np.linalg.norm(F[:2]), np.linalg.norm(F[3:])
+            assert all(rounds_to(size, number) for size, number in zip(sizes, told, strict=True))
+    assert rows[2][0] == f"{cell.split_length}"
 
 
 @pytest.mark.parametrize("scenario", ["adept-anchored", "two-pandas-box"])
