@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -141,7 +142,6 @@ class PayloadJoints:
             values, axes = np.linalg.eigh(-0.5 * (slope + slope.T))
             stiff = np.abs(values) > _NEUTRAL * np.abs(values).max()
             step = axes[:, stiff] @ ((axes[:, stiff].T @ moment) / np.abs(values[stiff]))
-            v[:] = 0.0
             v[np.flatnonzero(free) + linked.v_slice.start] = step * min(1.0, 0.3 / np.abs(step).max())
             q = linked.configured(pin.integrate(self._tree.model, q, v), X_WP)
             if np.abs(step).max() < 1e-15:
@@ -218,16 +218,21 @@ class PayloadJoints:
 
     def _slope(self, q: Array, X_WP: Array, free: Array, pull: Array | None = None) -> Array:
         """Return the derivatives of the moments by the free angles, by central differences."""
-        h, columns = 1e-6, list[Array]()
-        for at in np.flatnonzero(free) + self.linked.v_slice.start:
-            ends = []
-            for sign in (h, -h):
-                v = np.zeros(self._tree.model.nv)
-                v[at] = sign
-                near = self.linked.configured(pin.integrate(self._tree.model, q, v), X_WP)
-                ends.append(self._moments(near, X_WP, pull)[free])
-            columns.append((ends[0] - ends[1]) / (2.0 * h))
-        return np.array(columns).T
+        along = np.eye(self._tree.model.nv)[:, self.linked.v_slice][:, free]
+
+        def moments(near: Array) -> Array:
+            return self._moments(self.linked.configured(near, X_WP), X_WP, pull)[free]
+
+        return self._derivative(moments, q, along)
+
+    def _derivative(self, force: Callable[[Array], Array], q: Array, along: Array) -> Array:
+        """Return the derivatives of a force by motions of the tree, shape (nv, k), by central differences."""
+        h, shape = 1e-6, (along.shape[1], len(force(q)))
+        ends = [
+            np.array([force(pin.integrate(self._tree.model, q, sign * v)) for v in along.T]).reshape(shape)
+            for sign in (h, -h)
+        ]
+        return np.asarray((ends[0] - ends[1]).T / (2.0 * h))
 
     def _moments(self, q: Array, X_WP: Array, pull: Array | None = None) -> Array:
         """Return the moments on the joints at rest of springs, weights and arms, shape (n,)."""
@@ -266,15 +271,11 @@ class PayloadJoints:
         moves, J = slice(first, at.stop), closures[:, first : at.stop]
         _, sizes, V = np.linalg.svd(J)
         N = V[int((sizes > _RANK * sizes[0]).sum()) :].T
-        k, h = N.shape[1], 1e-6
-        M = symmetric(pin.crba(model, model.createData(), q))[moves, moves]
-        C, K = np.zeros(len(M)), np.empty((len(M), k))
+        k, along = N.shape[1], np.zeros((model.nv, N.shape[1]))
+        along[moves], M = N, symmetric(pin.crba(model, model.createData(), q))[moves, moves]
+        C = np.zeros(len(M))
         C[at.start - first : at.stop - first] = self.damping
-        for column, along in enumerate(N.T):
-            step = np.zeros(model.nv)
-            step[moves] = h * along
-            back, ahead = (self._still(pin.integrate(model, q, sign * step))[moves] for sign in (-1.0, 1.0))
-            K[:, column] = (back - ahead) / (2.0 * h)
+        K = -self._derivative(self._still, q, along)[moves]
         inverse = np.linalg.inv(N.T @ M @ N)
         A = np.block([[np.zeros((k, k)), np.eye(k)], [-inverse @ N.T @ K, -inverse @ N.T @ (C[:, None] * N)]])
         poles, vectors = np.linalg.eig(A)

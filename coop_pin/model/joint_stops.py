@@ -23,6 +23,8 @@ _Numbers = NDArray[Any]
 """Floats or traced numbers."""
 _FAR = 1e6
 """Limit in place of none, rad or m."""
+_STUCK = 1e-9
+"""Mobility of a joint that grasps hold still, 1/(kg m^2) or 1/kg."""
 _SWING = 30.0
 """Rate of a joint of a payload on a stop whose stiffness is not stated, 1/s."""
 
@@ -94,20 +96,22 @@ class JointStops(NamedTuple):
         q, first = pin.neutral(model), at.start - (6 if linked.root else 0)
         q[linked.q_slice] = linked.angles.configuration(linked.start)
         M = symmetric(pin.crba(model, model.createData(), q))[first : at.stop, first : at.stop]
-        stated = [joint.stop_stiffness for joint in joints]
         k = [
-            _SWING**2 / W if value is None else value
-            for value, W in zip(stated, np.diag(np.linalg.inv(M))[-len(joints) :], strict=True)
+            _SWING**2 / W if joint.stop_stiffness is None else joint.stop_stiffness
+            for joint, W in zip(joints, np.diag(np.linalg.inv(M))[-len(joints) :], strict=True)
         ]
-        has_stop, entries = ~linked.angles.continuous, linked.q_slice.start + linked.angles.entry
-        limits = (model.lowerPositionLimit[entries], model.upperPositionLimit[entries])
-        lower, upper = (np.where(has_stop, limit, 0.0) for limit in limits)
+        entries, limits = (
+            linked.q_slice.start + linked.angles.entry,
+            (model.lowerPositionLimit, model.upperPositionLimit),
+        )
+        lower, upper = (np.where(linked.angles.continuous, 0.0, limit[entries]) for limit in limits)
         ratios = np.array([joint.stop_damping_ratio for joint in joints])
-        return cls(lower, upper, has_stop * np.array(k), np.zeros(len(joints)), ratios)
+        return cls(lower, upper, ~linked.angles.continuous * np.array(k), np.zeros(len(joints)), ratios)
 
     def damped(self, mobility: Array) -> JointStops:
         """Return the stops with the damping c = 2 ratio sqrt(k / W), W of each joint, shape (k,)."""
-        return self._replace(damping=2.0 * self.damping_ratio * np.sqrt(self.stiffness / mobility))
+        W = np.maximum(mobility, _STUCK)
+        return self._replace(damping=2.0 * self.damping_ratio * np.sqrt(self.stiffness / W))
 
     def state(self, q: _Numbers, v: _Numbers) -> StopState:
         """Return forces, energy and power at joint positions and rates, floats or traced, shape (k,) each.
@@ -126,68 +130,65 @@ class JointStops(NamedTuple):
 
 
 class CellStops:
-    """End stops of the arms of a cell and of the joints of its payload, in the coordinates of its tree.
-
-    Attributes:
-        arms: stops of each arm; None where it has none.
-        payload: stops of a payload of several links; None of one body.
-    """
+    """End stops of the arms of a cell and of the joints of its payload, in the coordinates of its tree."""
 
     def __init__(self, cell: Cell, tree: CellModel) -> None:
         """Read the stops; raises as ``JointStops.of_arm``."""
-        self._tree, self.payload = tree, None
-        self.arms = [JointStops.of_arm(arm, name) for name, arm in cell.arms.items()]
+        self._places: list[ArmPlace | LinkedPayload] = [*tree.arms]
+        self._stops = [JointStops.of_arm(arm, name) for name, arm in cell.arms.items()]
+        self._arms, self._nv = len(tree.arms), tree.model.nv
         if cell.payload.links is not None and tree.linked is not None:
-            self.payload = JointStops.of_payload(cell.payload.links, tree.linked)
+            self._places.append(tree.linked)
+            self._stops.append(JointStops.of_payload(cell.payload.links, tree.linked))
 
     def __bool__(self) -> bool:
         """Return whether there are stops."""
-        return any(True for _ in self)
+        return any(stops is not None for stops in self._stops)
 
     def __iter__(self) -> Iterator[tuple[ArmPlace | LinkedPayload, JointStops]]:
         """Yield the stops of each arm that has any, and of the payload, and the place of their joints."""
-        places = (*self._tree.arms, self._tree.linked)
-        for place, stops in zip(places, (*self.arms, self.payload), strict=True):
-            if place is not None and stops is not None:
-                yield place, stops
+        pairs = zip(self._places, self._stops, strict=True)
+        yield from ((place, stops) for place, stops in pairs if stops is not None)
+
+    @property
+    def arms(self) -> list[JointStops | None]:
+        """Stops of each arm; None where it has none."""
+        return self._stops[: self._arms]
 
     def damp(self, mobility: Array) -> None:
         """Set the damping, by the mobility of each joint, shape (nv,)."""
-        slots = self._tree.arms
-        self.arms = [
-            stops and stops.damped(mobility[slot.v_slice])
-            for stops, slot in zip(self.arms, slots, strict=True)
-        ]
-        if self.payload is not None and self._tree.linked is not None:
-            self.payload = self.payload.damped(mobility[self._tree.linked.v_slice])
+        pairs = zip(self._places, self._stops, strict=True)
+        self._stops = [stops and stops.damped(mobility[place.v_slice]) for place, stops in pairs]
 
     def rates(self, mobility: Array) -> Array:
         """Return sqrt(k W) of each joint on its stop, 1/s, shape (nv,)."""
-        rates = np.zeros(self._tree.model.nv)
+        rates = np.zeros(self._nv)
         for place, stops in self:
-            rates[place.v_slice] = np.sqrt(stops.stiffness * mobility[place.v_slice])
+            rates[place.v_slice] = np.sqrt(stops.stiffness * np.maximum(mobility[place.v_slice], _STUCK))
         return rates
 
     def state(self, q: Array, v: Array) -> StopState:
         """Return the stops at a state of the tree; forces of shape (nv,)."""
-        force, energy, power = np.zeros(len(v)), 0.0, 0.0
-        for place, stops in self:
-            state = stops.state(place.angles.of(q[place.q_slice]), v[place.v_slice])
-            force[place.v_slice] = state.force
-            energy, power = energy + float(state.energy), power + float(state.power)
+        force, energy, power = np.zeros(self._nv), 0.0, 0.0
+        for place, state in zip(self._places, self._states(q, v), strict=True):
+            if state is not None:
+                force[place.v_slice] = state.force
+                energy, power = energy + float(state.energy), power + float(state.power)
         return StopState(force, energy, power)
 
     def quantities(self, q: Array, v: Array) -> dict[str, Any]:
         """Return what is observed of the stops at a state, by name; nothing where there are none."""
-        slots = self._tree.arms
-        states = [
-            stops and stops.state(slot.angles.of(q[slot.q_slice]), v[slot.v_slice])
-            for stops, slot in zip(self.arms, slots, strict=True)
-        ]
-        values = stop_quantities(states, [len(slot.drive) for slot in slots])
-        if self.payload is not None:
-            values["stop_energy"] = self.state(q, v).energy
+        states = self._states(q, v)
+        values = stop_quantities(
+            states[: self._arms], [len(place.angles.names) for place in self._places[: self._arms]]
+        )
+        if self:
+            values["stop_energy"] = sum(state.energy for state in states if state is not None)
         return {name: np.asarray(value, dtype=float) for name, value in values.items()}
+
+    def _states(self, q: Array, v: Array) -> list[StopState | None]:
+        pairs = zip(self._places, self._stops, strict=True)
+        return [stops and stops.state(at.angles.of(q[at.q_slice]), v[at.v_slice]) for at, stops in pairs]
 
 
 def stop_quantities(states: Sequence[StopState | None], joints: Sequence[int]) -> dict[str, Any]:

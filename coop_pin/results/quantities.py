@@ -256,8 +256,8 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "wheels": lambda scenario: bool(scenario.cell.wheels),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
-    "stops": lambda scenario: _stops_arms(scenario),
-    "stopped": lambda scenario: _stops_arms(scenario) or scenario.cell.payload.links is not None,
+    "stops": lambda scenario: any(arm.stops is not None for arm in scenario.cell.arms.values()),
+    "stopped": lambda scenario: GROUPS["stops"](scenario) or GROUPS["links"](scenario),
     "network": lambda scenario: scenario.network is not None,
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
@@ -272,10 +272,6 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     ),
 }
 """Whether a run of a scenario has the quantities of a group: what is measured only where it is not ideal."""
-
-
-def _stops_arms(scenario: Scenario) -> bool:
-    return any(arm.stops is not None for arm in scenario.cell.arms.values())
 
 
 def _sensors(scenario: Scenario) -> list[Sensors]:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.finding import Finding
 from coop_pin.simulation.simulation import Simulation
@@ -25,56 +24,46 @@ def payload_findings(simulation: Simulation) -> Iterator[Finding]:
 
     Nothing for a payload of one body.
     """
-    chain, q = simulation.chain, simulation.plant.q
+    chain, rate = simulation.chain, simulation.scenario.clock.rate_hz
     if chain.joints is None:
         return
-    poles, shapes = chain.payload_modes(q)
-    swings = np.flatnonzero(poles.imag > 0.0)
-    rate = simulation.scenario.clock.rate_hz
+    poles, shapes = chain.payload_modes(simulation.plant.q)
     names = chain.joints.linked.joint_names
-    free = _unheld(simulation.scenario)
-    modes = [_mode(poles[k], shapes[:, k], names) for k in swings]
-    stay = {names[np.argmax(np.abs(shapes[:, k]))] for k in np.flatnonzero(np.abs(poles) < _STILL)}
+    most = [names[index] for index in np.argmax(np.abs(shapes), axis=0)]
+    modes = [
+        (float(abs(s)) / (2.0 * np.pi), float(-s.real / abs(s)), joint)
+        for s, joint in zip(poles, most, strict=True)
+        if s.imag > 0.0
+    ]
     near = [mode for mode in modes if _NEAR[0] <= mode[0] / rate <= _NEAR[1] and mode[1] < _LIGHT]
     if modes:
-        slowest, worst = min(modes), min(near, key=lambda mode: mode[1], default=None)
+        frequency, damping, joint = min(near, key=lambda mode: mode[1]) if near else min(modes)
+        severity: Any = "warning" if near else "note"
+        text = f"a mode of the payload in still grasps, most at joint {joint!r}, has {frequency:.4g} Hz and"
+        text = f"{text} the damping ratio {damping:.2g}"
+        why = f", near the control rate of {rate:g} Hz: torques that are held excite it"
         yield Finding(
             "payload mode",
             "cell.payload",
-            "note" if worst is None else "warning",
-            _sentence(slowest if worst is None else worst, rate, worst is not None),
-            (worst or slowest)[0],
+            severity,
+            text + (why if near else ": the slowest"),
+            frequency,
             rate,
         )
-    for joint, link in free.items():
-        of_joint = [mode for mode in modes if mode[2] == joint]
-        if not of_joint and joint not in stay:  # another joint moves most in each of its modes
-            continue
-        if not of_joint:
-            sentence = f"nobody holds link {link!r}, and nothing returns joint {joint!r}"
-            yield Finding("unheld link", f"cell.payload.links.joints.{joint}", "warning", sentence)
-            continue
-        frequency, damping, _ = min(of_joint)
-        swing = f"at {joint!r} it swings with {frequency:.3g} Hz, damping ratio {damping:.2g}"
-        sentence = f"nobody holds link {link!r}: {swing}"
-        severity: Any = "warning" if damping < _SWINGS else "note"
-        field = f"cell.payload.links.joints.{joint}.damping"
-        yield Finding("unheld link", field, severity, sentence, damping, _SWINGS)
-
-
-def _mode(pole: complex, shape: Array, names: tuple[str, ...]) -> tuple[float, float, str]:
-    """Return frequency, Hz, damping ratio, and the joint that moves most, of a pole, 1/s."""
-    size = float(abs(pole))
-    return size / (2.0 * np.pi), float(-pole.real) / size, names[int(np.argmax(np.abs(shape)))]
-
-
-def _sentence(mode: tuple[float, float, str], rate: float, is_near: bool) -> str:
-    frequency, damping, joint = mode
-    text = f"a mode of the payload in still grasps, most at joint {joint!r}, has {frequency:.4g} Hz and"
-    text = f"{text} the damping ratio {damping:.2g}"
-    if not is_near:
-        return f"{text}: the slowest"
-    return f"{text}, near the control rate of {rate:g} Hz: torques that are held excite it"
+    stay = {joint for s, joint in zip(poles, most, strict=True) if abs(s) < _STILL}
+    for joint, link in _unheld(simulation.scenario).items():
+        of_joint, field = [mode for mode in modes if mode[2] == joint], f"cell.payload.links.joints.{joint}"
+        if of_joint:
+            frequency, damping, _ = min(of_joint)
+            swing = f"at {joint!r} it swings with {frequency:.3g} Hz, damping ratio {damping:.2g}"
+            severity, text = (
+                "warning" if damping < _SWINGS else "note",
+                f"nobody holds link {link!r}: {swing}",
+            )
+            yield Finding("unheld link", f"{field}.damping", severity, text, damping, _SWINGS)
+        elif joint in stay:  # else another joint moves most in each of its modes
+            text = f"nobody holds link {link!r}, and nothing returns joint {joint!r}"
+            yield Finding("unheld link", field, "warning", text)
 
 
 def _unheld(scenario: Scenario) -> dict[str, str]:

@@ -293,35 +293,38 @@ def _stop_steps_at(simulation: Simulation, time: float, q: Array) -> list[StepSt
 
     A joint on its stop swings at w = sqrt(k W), with W its mobility in the closed chain.
     """
-    chain, clock, stabilities = simulation.chain, simulation.scenario.clock, list[StepStability]()
-    rates, h = chain.stops.rates(chain.joint_mobility(q)), clock.period / clock.steps_per_tick
+    chain, stabilities = simulation.chain, list[StepStability]()
+    rates = chain.stops.rates(chain.joint_mobility(q))
     for place, stops in chain.stops:
-        values = h * rates[place.v_slice]
-        cause, hit = ("payload stops", _PAYLOAD_HIT) if stops is chain.stops.payload else ("end stops", _HIT)
-        limits = np.broadcast_to(hit / np.maximum(1.0, 2.0 * stops.damping_ratio), values.shape)
-        joint = int(np.argmax(values / limits))
-        number, limit = float(values[joint]), float(limits[joint])
-        names = (place.angles.names[joint].replace("payload.", "payload/"),)
-        stabilities.append(StepStability(number, limit, clock.steps_per_tick, names, time, cause))
+        cause, hit = ("payload stops", _PAYLOAD_HIT) if place is chain.model.linked else ("end stops", _HIT)
+        limits = hit / np.maximum(1.0, 2.0 * stops.damping_ratio) * np.ones(len(place.angles.names))
+        worst, stability = _worst(simulation, time, rates[place.v_slice], limits, cause)
+        joint = place.angles.names[worst].replace("payload.", "payload/")
+        stabilities.append(stability._replace(joints=(joint,)))
     return stabilities
 
 
 def _joint_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     """Return the stability of the plant's steps for the modes of a payload of links on limp arms."""
-    chain, clock, joints = simulation.chain, simulation.scenario.clock, simulation.chain.joints
-    poles, shapes = chain.payload_modes(q, arms_move=True)
+    poles, shapes = simulation.chain.payload_modes(q, arms_move=True)
     limits = np.array([_ray_limit(complex(-abs(s.real), s.imag)) for s in poles])  # limp arms may fall
-    worst, steps = int(np.argmax(np.abs(poles) / limits)), clock.steps_per_tick
-    joint = joints.linked.joint_names[int(np.argmax(np.abs(shapes[:, worst])))] if joints else ""
-    value = clock.period / steps * float(abs(poles[worst]))
-    return StepStability(value, float(limits[worst]), steps, (f"payload/{joint}",), time, "payload joints")
+    worst, stability = _worst(simulation, time, poles, limits, "payload joints")
+    joints = simulation.chain.joints.linked.joint_names if simulation.chain.joints else ()
+    return stability._replace(joints=(f"payload/{joints[int(np.argmax(np.abs(shapes[:, worst])))]}",))
 
 
 def _critical(
     simulation: Simulation, time: float, poles: Array, modes: Array, limits: Array, cause: str
 ) -> StepStability:
     """Return the stability of the plant's steps for the pole that is largest in its limit, rates in 1/s."""
-    clock, worst = simulation.scenario.clock, int(np.argmax(np.abs(poles) / limits))
-    value = float(np.abs(poles[worst])) * (clock.period / clock.steps_per_tick)
-    joints = fastest_joints(simulation, np.abs(modes[:, worst]))
-    return StepStability(value, float(limits[worst]), clock.steps_per_tick, joints, time, cause)
+    worst, stability = _worst(simulation, time, poles, limits, cause)
+    return stability._replace(joints=fastest_joints(simulation, np.abs(modes[:, worst])))
+
+
+def _worst(
+    simulation: Simulation, time: float, rates: Array, limits: Array, cause: str
+) -> tuple[int, StepStability]:
+    """Return which rate, 1/s, is largest in its limit, and the stability of the plant's steps for it."""
+    clock, worst = simulation.scenario.clock, int(np.argmax(np.abs(rates) / limits))
+    value = float(np.abs(rates[worst])) * (clock.period / clock.steps_per_tick)
+    return worst, StepStability(value, float(limits[worst]), clock.steps_per_tick, (), time, cause)

@@ -106,6 +106,14 @@ def test_a_stop_pushes_back_and_never_pulls():
             assert_allclose(state.power, 4 * (force + 100.0 * depth) * v, atol=1e-12)
 
 
+def test_the_stop_of_a_joint_that_grasps_hold_still_has_a_finite_damping():
+    """Of which rounding leaves a mobility around zero."""
+    stops = JointStops(*np.full((4, 3), (-1.0, -1.0, -1.0)), 0.5)._replace(stiffness=np.full(3, 100.0))
+    damping = stops.damped(np.array((0.01, 0.0, -1e-18))).damping
+    assert_allclose(damping[0], np.sqrt(100.0 / 0.01))
+    assert np.isfinite(damping).all()
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_default_stiffness_gives_way_by_give_under_the_largest_force(name):
     stated = {"planar": (50.0, 40.0, 20.0), "spatial": (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)}[name]
