@@ -17,7 +17,7 @@ CELLS = {"planar": "adept-anchored", "spatial": "two-pandas-box"}
 GAMMA, K_I, BETA, RHO, BIAS = 4.0, 4.0, 10.0, 0.3, 1e-3
 K = {"planar": [300.0, 300.0, 6.0], "spatial": [400.0] * 3 + [20.0] * 3}
 K_D, G_V = {"planar": [80.0, 60.0, 20.0], "spatial": [60.0] * 4 + [6.0, 4.0, 2.0]}, 4.0
-FUNNELS = (0.02, 0.2)
+FUNNELS, LEAK = (0.02, 0.2), 2.0
 DURATION = {"lid": 2.5, "table": 8.0}
 
 
@@ -43,6 +43,19 @@ def law_of(name: str, cell: str, rate: float) -> dict:
             "force_path": late,
             "switching": wide,
             "anchor_bias": "none",
+        },
+        "own wrist": {
+            "kind": "payload-space",
+            "gains": anchored,
+            "force_path": {"kind": "none"},
+            "switching": wide,
+            "payload_mass": 3.0,
+        },
+        "leaky": {
+            "kind": "payload-space",
+            "gains": anchored | {"anchor_gain": 0.0, "leak": LEAK},
+            "force_path": {"kind": "none"},
+            "switching": wide,
         },
         "symmetric": {
             "kind": "symmetric",
@@ -190,6 +203,11 @@ def expected(rest: Rest, name: str, cell: str, result: cp.RunResult):
             turned = [pin.exp3(e_i[3:]) @ rest.X_d.rotation for e_i in e]  # as the law then sees P
             squeeze = np.array([np.kron(np.eye(2), R) @ f for R, f in zip(turned, f_d, strict=True)])
             return held + squeeze + 0.5 * GAMMA * gain * e, []
+        if name == "leaky":
+            return held + squeeze + 0.5 * GAMMA * (1.0 + K_I / LEAK) * gain * e, []
+        if name == "own wrist":
+            weight = 0.5 * law.payload_mass * np.array([*scenario.cell.gravity, 0, 0, 0])
+            return moved(weight + squeeze + 0.5 * K_I * GAMMA / BETA * gain * e, X_WP, seen), []
         if name == "prescribed-performance":
             g = law.gains.sized(len(rows), 0)
             F = squeeze.copy()
@@ -228,7 +246,7 @@ def still(name: str, cell: str, kind: str) -> cp.Scenario:
     changes |= {"controller": law_of(name, cell, rate), "duration": DURATION[kind]}
     if name in ("sliding-mode", "leader-follower"):
         changes["duration"] = 5.0
-    if name == "leader-follower":
+    if name in ("leader-follower", "own wrist"):
         changes["sensors.wrist"] = {}
     scenario = linked(CELLS[cell], kind)
     hold = {"kind": "hold", "pose": scenario.start.model_dump()}
@@ -236,6 +254,7 @@ def still(name: str, cell: str, kind: str) -> cp.Scenario:
 
 
 LAWS = ("symmetric", "mean-pose", "prescribed-performance", "leader-follower", "sliding-mode", "anchored")
+LAWS += ("own wrist", "leaky")
 CASES = [("planar", "lid", name) for name in LAWS]
 MORE = [("spatial", "lid", name) for name in LAWS]
 MORE += [(cell, "table", name) for cell in CELLS for name in ("payload-space", "anchored", "symmetric")]
