@@ -1,7 +1,7 @@
 """Blind draws of one culprit each: it costs 0.3 to 1 N, and twice what the next cause does."""
 
 import numpy as np
-from log_cells import NOISE, drawn, free_hands, late_clocks, scenario_of, with_causes
+from log_cells import NOISE, believed, drawn, free_hands, late_clocks, scenario_of, with_causes
 
 import coop_pin as cp
 from coop_pin.compiled.simulate import simulate_batch
@@ -100,8 +100,8 @@ def answers(kind, part, seeds, costs, load):
         if not result.simulation_sound:
             continue
         record = late_clocks(free_hands(cp.logs.Record.of_run(result), causes, rng), causes)
-        believed = {"cell.payload": scenario.cell.payload, "cell.load_shares": None, "network": None}
-        yield culprit, cp.blame(record, cells[k].override(believed), priors=PRIORS)
+        cell = believed(scenario, causes, cells[k]).override({"cell.load_shares": None, "network": None})
+        yield culprit, cp.blame(record, cell, priors=PRIORS)
     batch.release()
 
 
