@@ -6,12 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin.base.arrays import typed
+from coop_pin.base.errors import ArgumentError
 from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, legend_above, plain_figure
 from coop_pin.identification.answer import Blame
-from coop_pin.identification.closure import ViewClosure
-from coop_pin.identification.estimate import Priors
-from coop_pin.model.cell_arm import CellArm
 
 _BARS = 14
 """Most causes that are drawn."""
@@ -47,20 +45,15 @@ def views_figure(answer: Blame) -> Figure:
     Args:
         answer: answer with estimates.
     """
-    cell = answer.scenario.cell
-    closure = ViewClosure(answer.record, {name: CellArm(cell, name) for name in cell.arms}, Priors())
-    known = (
-        {}
-        if answer.kinematics is None
-        else dict(zip(answer.kinematics.parameters, answer.kinematics.x, strict=True))
-    )
-    x = np.array([known.get(one, 0.0) for one in closure.parameters])
-    linear = np.tile(cell.task_rows.are_linear, len(cell.arms) - 1)
+    closure, fit = answer.closure, answer.kinematics
+    if closure is None or fit is None:
+        raise ArgumentError("the answer has no estimates: its findings say why")
+    linear = np.tile(closure.rows.are_linear, len(closure.arms) - 1)
     with plain_figure(7.2, 2.6, 1, 2, sharex=True) as (figure, panels):
         for panel, rows, unit in zip(panels, (linear, ~linear), ("mm", "mrad"), strict=True):
             for name, style, r in (
                 ("as logged", palette.INTERNAL, closure.mismatch()),
-                ("without the errors", palette.ACTUAL, closure.mismatch(x)),
+                ("without the errors", palette.ACTUAL, closure.mismatch(fit.x)),
             ):
                 panel.plot(closure.times, 1e3 * np.linalg.norm(r[:, rows], axis=1), color=style, label=name)
             label(panel, "views apart", unit)

@@ -9,6 +9,7 @@ import numpy as np
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause
+from coop_pin.identification.closure import ViewClosure
 from coop_pin.identification.effects import Effects, friction_parameters
 from coop_pin.identification.error_changes import error_changes
 from coop_pin.identification.estimate import Fit
@@ -32,6 +33,7 @@ class Blame:
         scenario: cell and law.
         record: log of the arms.
         findings: defects of the log; after an error there are no estimates.
+        closure: views of the payload that were fitted; None after an error.
         kinematics: estimates of tips, bases, joints, links and clocks; None after an error.
         payload: estimates of the payload and of the wrists' zeros; None without wrenches.
         friction: friction of the drives whose torques are logged.
@@ -51,6 +53,7 @@ class Blame:
     scenario: Scenario
     record: Record
     findings: Findings
+    closure: ViewClosure | None = None
     kinematics: Fit | None = None
     payload: Fit | None = None
     friction: tuple[DriveFriction, ...] = ()

@@ -11,11 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import log3
+from coop_pin.description.scenario import Scenario
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.identification.estimate import Fit, Parameter, Priors
 from coop_pin.identification.filtering import APART, deflection, position_noise, sample_times, smoothing
 from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.simulation.loop import start_configuration
 
 _STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
 """Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
@@ -50,6 +54,17 @@ def kinematic_parameters(arms: Mapping[str, CellArm], priors: Priors) -> tuple[l
     return parameters, np.array(sds)
 
 
+def grasp_springs(scenario: Scenario) -> dict[str, SpringDamper]:
+    """Return the spring of every compliant grasp by its arm, damped as at the start of a run."""
+    chain, names = CellChain(scenario.cell, scenario.plant), [*scenario.cell.arms]
+    if len(chain.springs):
+        chain.damp(start_configuration(chain, scenario))
+    return {
+        names[arm]: SpringDamper(*(part[k : k + 1] for part in chain.springs.springs))
+        for k, arm in enumerate(chain.springs.arms)
+    }
+
+
 class ViewClosure:
     """Closure of the views of all arms, as a least-squares problem.
 
@@ -61,8 +76,9 @@ class ViewClosure:
         times: times that are fitted, s, shape (n,).
         parameters: parameters that move a view.
         prior: their standard deviations.
-        noise: noise of the joint positions of every arm, shape (nv,) each.
-        springs: poses of tips in their grasp frames by the springs of grasps, as functions of time.
+        noise: noise of the drive positions of every arm, shape (nv,) each.
+        springs: springs of the grasps that have one.
+        deflections: positions and turns of tips in their grasp frames by springs, as functions of time.
     """
 
     def __init__(
@@ -72,18 +88,20 @@ class ViewClosure:
         priors: Priors,
         *,
         noise: Mapping[str, Array] | None = None,
+        springs: Mapping[str, SpringDamper] | None = None,
     ) -> None:
         """Choose samples by how far the joints move, and look at how errors move the views there."""
         self.arms, self.rows = arms, next(iter(arms.values())).rows
-        self.springs, self._springs = dict[str, CubicSpline](), dict[str, tuple[CubicSpline, Array]]()
-        for name, arm in arms.items():
-            if arm.stiffness is not None and len(record.arms[name].wrench_time):
-                q = arm.configuration(record.arms[name].position[0])
-                off, sd = deflection(record.arms[name], arm.stiffness, arm.spring_lag(q), record.free)
-                self.springs[name], self._springs[name] = off, (_smooth(off), sd)
+        self.springs = springs or {}
+        read = {name: one for name, one in self.springs.items() if len(record.arms[name].wrench_time)}
+        given = {name: deflection(record.arms[name], one, record.free) for name, one in read.items()}
+        self.deflections = {name: off for name, (off, _) in given.items()}
+        self._springs = {name: (_smooth(off), sd) for name, (off, sd) in given.items()}
         splines = {name: _spline(record.arms[name]) for name in arms}  # a spring swings as its arm does
-        self._splines = {name: _smooth(one) if self.springs else one for name, one in splines.items()}
-        self.noise = noise or {name: position_noise(record.arms[name]) for name in arms}
+        self._splines = {name: _smooth(one) if given else one for name, one in splines.items()}
+        self.noise = noise or {
+            name: position_noise(record.arms[name].position @ arm.drive.T) for name, arm in arms.items()
+        }
         apart, self._smooths = APART, 1.0
         if self._springs:
             width = smoothing(record.arms[next(iter(arms))].time)
@@ -165,7 +183,7 @@ class ViewClosure:
         of_arms = []
         for name in self.arms:
             view = self.view(name, self.times)
-            J = view.jacobian[:, rows] * (self.noise[name] * self._smooths)
+            J = view.jacobian[:, rows] @ self.arms[name].from_drive * (self.noise[name] * self._smooths)
             if name in self._springs:
                 tip = columns(view, self.arms[name])[:, rows, :6] * self._springs[name][1]
                 J = np.concatenate((J, tip), axis=2)

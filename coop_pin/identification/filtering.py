@@ -80,7 +80,7 @@ def smoothing(times: Array) -> int:
 
 
 def deflection(
-    arm: ArmRecord, stiffness: Array, lag: Array, free: tuple[float, float] | None
+    arm: ArmRecord, spring: SpringDamper, free: tuple[float, float] | None
 ) -> tuple[CubicSpline, Array]:
     """Return where a spring lets the tip be in its grasp frame, and the noise of it smoothed.
 
@@ -89,8 +89,7 @@ def deflection(
 
     Args:
         arm: record of the arm.
-        stiffness: K, N/m and N m/rad, shape (6,).
-        lag: D / K, s, shape (6,).
+        spring: one spring and damper.
         free: interval whose mean reading is no load of the spring, s.
 
     Returns:
@@ -101,7 +100,8 @@ def deflection(
     if free is not None and (is_free := (time >= free[0]) & (time < free[1])).any():
         wrench = wrench - wrench[is_free].mean(axis=0)
     force, moment = wrench[:, :3], wrench[:, 3:]
-    spring, turn = SpringDamper.of(stiffness[None], np.zeros((1, 6))), np.zeros_like(force)
+    stiffness, turn = spring.stiffness[0], np.zeros_like(force)
+    lag = spring.damping[0] / stiffness
     for _ in range(_SOLVES):
         turned = Rotation.from_rotvec(turn)
         R, p = turned.as_matrix(), -turned.apply(force) / stiffness[:3]
@@ -181,15 +181,17 @@ def _scatter(values: Array, order: int = 1) -> Array:
     return np.asarray(spread / np.sqrt(binom(2 * order, order)))
 
 
-def position_noise(record: ArmRecord) -> Array:
-    """Return the standard deviation of the positions of a record: of their counts, or of what is not smooth.
+def position_noise(position: Array) -> Array:
+    """Return the standard deviation of positions: of their counts, or of what is not smooth.
 
     Counts are seen if most steps are multiples of the smallest one.
+
+    Args:
+        position: positions of drives over time, rad or m, shape (n, nv).
     """
-    few = len(record.position) < 4
-    roughs = np.zeros(record.position.shape[1]) if few else _scatter(record.position, 3)
+    roughs = np.zeros(position.shape[1]) if len(position) < 4 else _scatter(position, 3)
     sds = []
-    for q, rough in zip(record.position.T, roughs, strict=True):
+    for q, rough in zip(position.T, roughs, strict=True):
         steps = np.abs(np.diff(q))
         steps = steps[steps > 1e-12]
         count = float(steps.min()) if len(steps) else 0.0
