@@ -1,4 +1,12 @@
-"""Blind draws of one culprit each: it costs 0.3 to 1 N, and twice what the next cause does."""
+"""Blind draws of one culprit each: it costs 0.3 to 1 N, and twice what the next cause does.
+
+    python tests/blame_ranking.py KIND PART [SEED]
+
+prints in how many of 20 sound draws the culprit is first, and in how many the first cause names both arms.
+"""
+
+import itertools
+import sys
 
 import numpy as np
 from log_cells import NOISE, believed, drawn, free_hands, late_clocks, scenario_of, with_causes
@@ -109,3 +117,16 @@ def is_first(culprit, answer):
     """Whether the first cause is the culprit, or has it among what the log does not tell apart."""
     members = answer.causes[0].members
     return members[0].part == "load share" if culprit is None else culprit in members
+
+
+def ranks(kind, part, seed, costs, load):
+    """Of 20 sound draws: whether the culprit is first, and whether the first cause names both arms."""
+    sound = itertools.islice(answers(kind, part, range(seed, seed + 24), costs, load), 20)
+    return [(is_first(culprit, answer), len(answer.causes[0].arms) == 2) for culprit, answer in sound]
+
+
+if __name__ == "__main__":
+    draws = ranks(*sys.argv[1:3], int([*sys.argv[3:], 7000][0]), *unit_costs(sys.argv[1]))
+    print(
+        *sys.argv[1:], "first", sum(one for one, _ in draws), "both", sum(one for _, one in draws), len(draws)
+    )

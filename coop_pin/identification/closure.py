@@ -15,7 +15,14 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.identification.estimate import Fit, Parameter, Priors
-from coop_pin.identification.filtering import APART, deflection, position_noise, sample_times, smoothing
+from coop_pin.identification.filtering import (
+    APART,
+    EXACT_ANGLE,
+    deflection,
+    position_noise,
+    sample_times,
+    smoothing,
+)
 from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
@@ -183,7 +190,8 @@ class ViewClosure:
         of_arms = []
         for name in self.arms:
             view = self.view(name, self.times)
-            J = view.jacobian[:, rows] @ self.arms[name].from_drive * (self.noise[name] * self._smooths)
+            sd = np.maximum(self.noise[name] * self._smooths, EXACT_ANGLE)
+            J = view.jacobian[:, rows] @ self.arms[name].from_drive * sd
             if name in self._springs:
                 tip = columns(view, self.arms[name])[:, rows, :6] * self._springs[name][1]
                 J = np.concatenate((J, tip), axis=2)

@@ -17,8 +17,8 @@ from coop_pin.logs.record import ArmRecord, Record
 
 WINDOW = 0.2
 """Width of the Hann kernel, s; what is faster is in no equation of motion that is fitted."""
-_EXACT_ANGLE = 1e-6
-"""Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
+EXACT_ANGLE = 1e-6
+"""Angle to which no chain of links is true, rad, however much its noise is smoothed."""
 _POSES, APART = 600, 3
 """Poses that are fitted, and samples from one to the next, at least."""
 _SOLVES, _SPRUNG = 30, 1e-3
@@ -198,7 +198,7 @@ def position_noise(position: Array) -> Array:
         ratios = steps / count if count else np.ones(1)
         is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)
         sds.append(count / np.sqrt(12.0) if is_counted else rough)
-    return np.maximum(sds, _EXACT_ANGLE)
+    return np.array(sds)
 
 
 def sample_times(record: Record, apart: int = APART) -> Array:
