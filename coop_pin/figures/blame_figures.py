@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin.base.arrays import typed
-from coop_pin.base.errors import ArgumentError
 from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, legend_above, plain_figure
 from coop_pin.identification.answer import Blame
@@ -45,9 +44,7 @@ def views_figure(answer: Blame) -> Figure:
     Args:
         answer: answer with estimates.
     """
-    closure, fit = answer.closure, answer.kinematics
-    if closure is None or fit is None:
-        raise ArgumentError("the answer has no estimates: its findings say why")
+    closure, fit = answer.fitted
     linear = np.tile(closure.rows.are_linear, len(closure.arms) - 1)
     with plain_figure(7.2, 2.6, 1, 2, sharex=True) as (figure, panels):
         for panel, rows, unit in zip(panels, (linear, ~linear), ("mm", "mrad"), strict=True):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from coop_pin.base.errors import ArgumentError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause
 from coop_pin.identification.closure import ViewClosure
@@ -66,6 +67,17 @@ class Blame:
     excitation: Excitation | None = None
     simulated: str = ""
     uncovered: str = ""
+
+    @property
+    def fitted(self) -> tuple[ViewClosure, Fit]:
+        """Views of the arms with the estimate of their errors.
+
+        Raises:
+            ArgumentError: the log has errors, and there is no estimate.
+        """
+        if self.closure is None or self.kinematics is None:
+            raise ArgumentError("there are no estimates: mend the log as its findings say, and ask again")
+        return self.closure, self.kinematics
 
     @property
     def errors(self) -> dict[str, Any]:

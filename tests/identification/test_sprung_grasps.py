@@ -7,11 +7,13 @@ from compliant_cells import anchored, with_grasps
 
 import coop_pin as cp
 from coop_pin.compiled.simulate import simulate_batch
-from coop_pin.identification import Priors
+from coop_pin.identification import Blame, Priors
 from coop_pin.identification.closure import ViewClosure, grasp_springs
 from coop_pin.identification.filtering import filtered
 from coop_pin.identification.payload import payload_fit
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.results.finding import Findings
+from coop_pin.viz.log_replay import logged_run
 
 PRIORS = Priors(clock=3e-3, link=0.0)
 TURNS = {
@@ -59,6 +61,13 @@ def test_a_log_tells_where_springs_let_the_tips_be(law, rows):
     assert kinematics.chi < 1.1
     assert payload.chi < 1.1
     assert abs(payload.x[0]) < 0.01 * scenario.cell.payload.mass
+    answer = Blame(scenario, record, Findings(scenario.name, ()), closure, kinematics)
+    drawn, start = logged_run(answer).data, filtered(record, {}, 1.0)["left"].time[0]
+    there = result.data.interp(time=drawn.time.values + start)
+    linear = [k for k in scenario.cell.task_rows.indices if k < 3]
+    for name, most in (("payload_position", 1e-5), ("internal_wrench", 0.1)):
+        off = np.abs(drawn[name].values - there[name].values)[20:-20][..., linear]
+        assert off.max() < most, name
 
 
 ARMS = ("left", "right")
