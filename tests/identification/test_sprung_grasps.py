@@ -61,6 +61,8 @@ def test_a_log_tells_where_springs_let_the_tips_be(law, rows):
     assert kinematics.chi < 1.1
     assert payload.chi < 1.1
     assert abs(payload.x[0]) < 0.01 * scenario.cell.payload.mass
+    stiffer = {name: each._replace(stiffness=1.1 * each.stiffness) for name, each in closure.springs.items()}
+    assert ViewClosure(record, arms, PRIORS, springs=stiffer).fit().chi > 4.0 * kinematics.chi
     answer = Blame(scenario, record, Findings(scenario.name, ()), closure, kinematics)
     drawn, start = logged_run(answer).data, filtered(record, {}, 1.0)["left"].time[0]
     there = result.data.interp(time=drawn.time.values + start)
