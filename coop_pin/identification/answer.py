@@ -20,8 +20,6 @@ from coop_pin.identification.payload import HAND_AXES
 from coop_pin.logs.record import Record
 from coop_pin.results.finding import Findings
 
-_FLOOR = 0.02
-"""Forces below it are left out of the summary, N."""
 _SUM = 0.5
 """Part of a mass's interval below which that of a sum tells that only the sum is seen."""
 
@@ -117,7 +115,7 @@ class Blame:
             lines.append(
                 f"  {self.views[0]:6.2f} N ({low:.2f} to {high:.2f})  all that the arms see differently"
             )
-            lines += [f"  {cause}{self._words(cause)}" for cause in self.causes if _is_shown(cause)]
+            lines += [f"  {cause}{self._words(cause)}" for cause in self.causes if cause.counts]
             if self.share is not None and self.share not in self.causes:
                 lines.append(f"  below {self.share.high:.2f} N  load shares, which are those of the cell")
             if np.isfinite(self.unexplained):
@@ -143,15 +141,10 @@ class Blame:
             return (
                 f"; the log does not see {'it, its prior does' if cause.is_one else 'them, their priors do'}"
             )
-        if cause.low <= _FLOOR:
+        if cause.is_none:
             return "; not different from zero"
         drives = zip(friction_parameters(self.friction), self.friction, strict=True)
         size = cause.size or " or ".join(str(one) for drive, one in drives if drive in cause.members)
         if cause.is_one:
             return size and f", {size}"
         return f": not told apart, only what they make together{size and f'; alone {size}'}"
-
-
-def _is_shown(cause: Cause) -> bool:
-    """Return whether a cause makes a force, or may make one that counts."""
-    return (cause.low if cause.is_seen else cause.newtons) > _FLOOR or cause.high > 10.0 * _FLOOR
