@@ -38,26 +38,21 @@ _ALIGNS = 5
 """Most steps of the clocks alone before."""
 
 
+def arm_parameters(arm: CellArm) -> list[Parameter]:
+    """Return tip, base, joints and links of an arm, in the order of ``columns``."""
+    names, units = arm.limits.joints.names, arm.limits.joints.units
+    frames = [(part, k) for part in ("tip", "base") for k in range(6)]
+    rows = [(part, FRAME_AXES[k], "m" if k < 3 else "rad") for part, k in frames]
+    joints = [name.removeprefix("arm/") for name in names]
+    rows += [("joint", *one) for one in zip(joints, units, strict=True)]
+    return [Parameter(arm.name, *row) for row in (*rows, *(("link", joint, "1") for joint in joints))]
+
+
 def kinematic_parameters(arms: Mapping[str, CellArm], priors: Priors) -> tuple[list[Parameter], Array]:
-    """Return tip, base, joints and links of all arms, then clocks of all but the first, and the priors."""
-    parameters, sds = [], []
-    for name, arm in arms.items():
-        joints = [joint.removeprefix("arm/") for joint in arm.limits.joints.names]
-        for part, prior in (("tip", priors.tip), ("base", priors.base)):
-            units = ("m",) * 3 + ("rad",) * 3
-            parameters += [
-                Parameter(name, part, axis, unit) for axis, unit in zip(FRAME_AXES, units, strict=True)
-            ]
-            sds += [*np.repeat(prior, 3)]
-        units = arm.limits.joints.units
-        parameters += [
-            Parameter(name, "joint", joint, unit) for joint, unit in zip(joints, units, strict=True)
-        ]
-        parameters += [Parameter(name, "link", joint, "1") for joint in joints]
-        sds += [priors.joint] * arm.nv + [priors.link] * arm.nv
-    for name in [*arms][1:]:
-        parameters.append(Parameter(name, "clock", "", "s"))
-        sds.append(priors.clock)
+    """Return the parameters of all arms, then clocks of all but the first, and the priors."""
+    parameters = [one for arm in arms.values() for one in arm_parameters(arm)]
+    parameters += [Parameter(name, "clock", "", "s") for name in [*arms][1:]]
+    sds = [np.broadcast_to(getattr(priors, one.part), 2)[int(one.unit == "rad")] for one in parameters]
     return parameters, np.array(sds)
 
 
@@ -154,34 +149,25 @@ class ViewClosure:
 
     def _evaluate(self, x: Array, is_free: Array) -> tuple[Array, Array]:
         """Return residuals and their derivatives, shapes (n, r) and (n, r, all parameters)."""
-        rows, at, poses, derivatives = list(self.rows.indices), 0, [], []
+        rows, poses, by_errors, by_clock = list(self.rows.indices), [], [], []
         full = np.zeros(len(is_free))
         full[is_free] = x
-        clocks = full[len(full) - len(self.arms) + 1 :]
-        for number, (name, arm) in enumerate(self.arms.items()):
-            n = arm.nv
-            tip, base, offset, links = np.split(full[at : at + 12 + 2 * n], (6, 12, 12 + n))
-            late = clocks[number - 1] if number else 0.0
-            view = self.view(name, self.times, offset, late)
-            pose = moved(view, arm, tip, base, links)
-            _, speed = self.joints(name, self.times + late)
-            poses.append(pose)
-            of_arm = -columns(view._replace(pose=pose), arm)
-            derivatives.append((of_arm, np.einsum("nij,nj->ni", view.jacobian, speed)))
-            at += 12 + 2 * n
-        size = len(rows)
-        r = np.empty((len(self.times), size * (len(poses) - 1)))
+        ends = np.cumsum([12 + 2 * arm.nv for arm in self.arms.values()])
+        *of_arms, clocks = np.split(full, ends)
+        for (name, arm), late, part in zip(self.arms.items(), (0.0, *clocks), of_arms, strict=True):
+            tip, base, offset, links = np.split(part, (6, 12, 12 + arm.nv))
+            view, (_, speed) = self.view(name, self.times, offset, late), self.joints(name, self.times + late)
+            poses.append(moved(view, arm, tip, base, links))
+            by_errors.append(-columns(view._replace(pose=poses[-1]), arm)[:, rows])
+            by_clock.append(np.einsum("nij,nj->ni", view.jacobian, speed)[:, rows])
+        r = np.empty((len(self.times), len(rows) * (len(poses) - 1)))
         J = np.zeros((*r.shape, len(full)))
-        first = derivatives[0][0]
-        at = first.shape[2]
-        for number, (pose, (of_arm, speed)) in enumerate(zip(poses[1:], derivatives[1:], strict=True)):
-            part = slice(size * number, size * (number + 1))
-            turned = log3(pose[:, :3, :3] @ np.swapaxes(poses[0][:, :3, :3], 1, 2))
-            r[:, part] = np.hstack((pose[:, :3, 3] - poses[0][:, :3, 3], turned))[:, rows]
-            J[:, part, : first.shape[2]] = -first[:, rows]
-            J[:, part, at : at + of_arm.shape[2]] = of_arm[:, rows]
-            J[:, part, len(full) - len(poses) + 1 + number] = speed[:, rows]
-            at += of_arm.shape[2]
+        for k in range(1, len(poses)):
+            at = slice(len(rows) * (k - 1), len(rows) * k)
+            turned = log3(poses[k][:, :3, :3] @ np.swapaxes(poses[0][:, :3, :3], 1, 2))
+            r[:, at] = np.hstack((poses[k][:, :3, 3] - poses[0][:, :3, 3], turned))[:, rows]
+            J[:, at, : ends[0]], J[:, at, ends[k - 1] : ends[k]] = -by_errors[0], by_errors[k]
+            J[:, at, ends[-1] + k - 1] = by_clock[k]
         return r, J
 
     def _whitening(self) -> Array:

@@ -96,9 +96,8 @@ def deflection(
         m and rad, shapes (n, 6) and (6,).
     """
     time, kept = np.unique(arm.wrench_time, return_index=True)
-    wrench = arm.wrench[kept]
-    if free is not None and (is_free := (time >= free[0]) & (time < free[1])).any():
-        wrench = wrench - wrench[is_free].mean(axis=0)
+    read = arm.free_wrench(free)
+    wrench = arm.wrench[kept] - read.sum(axis=0) / max(len(read), 1)
     force, moment = wrench[:, :3], wrench[:, 3:]
     stiffness, turn = spring.stiffness[0], np.zeros_like(force)
     lag = spring.damping[0] / stiffness

@@ -44,6 +44,11 @@ class ArmRecord:
     wrench_time: Array
     wrench: Array
 
+    def free_wrench(self, free: tuple[float, float] | None) -> Array:
+        """Return the wrenches of an interval with free hands, none without one, shape (k, 6)."""
+        start, end = free or (0.0, 0.0)
+        return self.wrench[(self.wrench_time >= start) & (self.wrench_time < end)]
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
