@@ -1,7 +1,15 @@
-"""Blind draws of one culprit each: it costs 0.3 to 1 N, and twice what the next cause does."""
+"""Blind draws of one culprit each: it costs 0.3 to 1 N, and twice what the next cause does.
+
+    python tests/blame_ranking.py KIND PART [SEED]
+
+prints in how many of 20 sound draws the culprit is first, and in how many the first cause names both arms.
+"""
+
+import itertools
+import sys
 
 import numpy as np
-from log_cells import NOISE, drawn, free_hands, late_clocks, scenario_of, with_causes
+from log_cells import NOISE, believed, drawn, free_hands, late_clocks, scenario_of, with_causes
 
 import coop_pin as cp
 from coop_pin.compiled.simulate import simulate_batch
@@ -100,8 +108,8 @@ def answers(kind, part, seeds, costs, load):
         if not result.simulation_sound:
             continue
         record = late_clocks(free_hands(cp.logs.Record.of_run(result), causes, rng), causes)
-        believed = {"cell.payload": scenario.cell.payload, "cell.load_shares": None, "network": None}
-        yield culprit, cp.blame(record, cells[k].override(believed), priors=PRIORS)
+        cell = believed(scenario, causes, cells[k]).override({"cell.load_shares": None, "network": None})
+        yield culprit, cp.blame(record, cell, priors=PRIORS)
     batch.release()
 
 
@@ -109,3 +117,16 @@ def is_first(culprit, answer):
     """Whether the first cause is the culprit, or has it among what the log does not tell apart."""
     members = answer.causes[0].members
     return members[0].part == "load share" if culprit is None else culprit in members
+
+
+def ranks(kind, part, seed, costs, load):
+    """Of 20 sound draws: whether the culprit is first, and whether the first cause names both arms."""
+    sound = itertools.islice(answers(kind, part, range(seed, seed + 24), costs, load), 20)
+    return [(is_first(culprit, answer), len(answer.causes[0].arms) == 2) for culprit, answer in sound]
+
+
+if __name__ == "__main__":
+    draws = ranks(*sys.argv[1:3], int([*sys.argv[3:], 7000][0]), *unit_costs(sys.argv[1]))
+    print(
+        *sys.argv[1:], "first", sum(one for one, _ in draws), "both", sum(one for _, one in draws), len(draws)
+    )

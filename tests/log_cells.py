@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
 import coop_pin as cp
 from coop_pin.compiled.simulate import simulate_batch
@@ -30,13 +31,34 @@ RICH = {
         ],
     },
 }
-SDS = {"tip": 5e-4, "base": 1e-3, "joint": 5e-4, "clock": 3e-3, "force": 2.0, "moment": 0.1, "mass": 0.1}
+PLANAR = {
+    "duration": 11.0,
+    "motion": {
+        "kind": "waypoints",
+        "points": [
+            {"time": time, "xyz": [0.6 + x, 0.146 + y, 0.0], "rpy": [0.0, 0.0, 0.947 + turn]}
+            for time, (x, y, _), (_, _, turn) in zip(TIMES, SHIFTS, TURNS, strict=True)
+        ],
+    },
+}
+SDS = {
+    "tip": 5e-4,
+    "base": 1e-3,
+    "joint": 5e-4,
+    "clock": 3e-3,
+    "force": 2.0,
+    "moment": 0.1,
+    "mass": 0.1,
+    "centre": 1e-2,
+}
 
 
 def scenario_of(kind):
-    """The cells: two Pandas on their line or turning, the planar pair."""
+    """The cells: two Pandas on their line or turning, the planar pair on its line or turning."""
     if kind == "adept":
         return cp.Scenario.load("adept-anchored", {"events": []})
+    if kind == "adept turning":
+        return cp.Scenario.load("adept-anchored", {"events": []} | PLANAR)
     return cp.Scenario.load("two-pandas-box", RICH if kind == "turning" else {})
 
 
@@ -57,22 +79,35 @@ def drawn(rng, scenario, scales):
                 causes[name, part][2:5] = 0.0
     causes[next(iter(scenario.cell.arms)), "clock"][:] = 0.0
     causes["", "mass"] = rng.normal(0.0, SDS["mass"] * scales.get("mass", 1.0), 1)
+    causes["", "centre"] = rng.normal(0.0, SDS["centre"] * scales.get("centre", 1.0), 3)
+    if planar:
+        causes["", "centre"][2] = 0.0
     return causes
 
 
 def with_causes(scenario, causes):
-    """The scenario whose plant has a payload, and whose arms have models and wrists, that are off."""
-    payload = scenario.cell.payload
+    """The scenario whose plant has a payload, and whose arms have models and wrists, that are off.
+
+    Where the centre is elsewhere, grasps and the start are about it, and what the arms see of it is that of
+    the believed grasps: X_EP_seen = T X_EP.
+    """
+    payload, centre = scenario.cell.payload, causes["", "centre"]
     heavier = 1.0 + float(causes["", "mass"][0])
+    start = scenario.start.matrix
     changes = {
         "cell.payload.mass": heavier * payload.mass,
         "cell.payload.inertia": [heavier * value for value in payload.inertia],
+        "start.xyz": (start[:3, 3] + start[:3, :3] @ centre).tolist(),
     }
     for name in scenario.cell.arms:
+        grasp = scenario.cell.grasps[name]
+        changes[f"cell.grasps.{name}.xyz"] = (np.array(grasp.xyz) - centre).tolist()
         poses = {
             part: {"xyz": causes[name, part][:3].tolist(), "rpy": causes[name, part][3:].tolist()}
             for part in ("tip", "base")
         }
+        R_ET = pin.rpy.rpyToMatrix(causes[name, "tip"][3:])
+        poses["tip"]["xyz"] = (causes[name, "tip"][:3] - R_ET @ grasp.matrix[:3, :3].T @ centre).tolist()
         rest = {
             "joint_offset": causes[name, "joint"].tolist(),
             "link_length": causes[name, "link"].tolist(),
@@ -82,6 +117,15 @@ def with_causes(scenario, causes):
         wrist = {"noise": NOISE, "offset": {"force": zero[:3], "moment": zero[3:]}}
         changes[f"arm_sensors.{name}"] = {"encoder": {"resolution": COUNT}, "wrist": wrist}
     return scenario.override(changes)
+
+
+def believed(scenario, causes, changed):
+    """The cell of ``with_causes`` as its user believes it: payload, centre, grasps and start of the first."""
+    changes = {"cell.payload": scenario.cell.payload, "cell.grasps": scenario.cell.grasps}
+    changes["start"] = scenario.start
+    for name in scenario.cell.arms:
+        changes[f"cell.arms.{name}.calibration_error.tip.xyz"] = causes[name, "tip"][:3].tolist()
+    return changed.override(changes)
 
 
 def free_hands(record, causes, rng, duration=1.0):
@@ -130,7 +174,7 @@ def logged(scenario, causes, seed=0, free=True):
     record = cp.logs.Record.of_run(result)
     if free:
         record = free_hands(record, causes, np.random.default_rng(seed))
-    return late_clocks(record, causes), changed.override({"cell.payload": scenario.cell.payload})
+    return late_clocks(record, causes), believed(scenario, causes, changed)
 
 
 def all_logged(scenario, seeds, scales=None, size=16):
@@ -146,19 +190,36 @@ def all_logged(scenario, seeds, scales=None, size=16):
         for i, (seed, one) in enumerate(zip(some, causes, strict=True)):
             record = cp.logs.Record.of_run(batch.result(i))
             record = late_clocks(free_hands(record, one, np.random.default_rng(seed)), one)
-            yield one, record, cells[i].override({"cell.payload": scenario.cell.payload})
+            yield one, record, believed(scenario, one, cells[i])
         batch.release()
 
 
 def truth(fit, causes, mass=0.0):
-    """The true values of the parameters of a fit, NaN for those of the payload beside its mass."""
-    values = []
+    """The true values of the parameters of a fit, NaN for the inertia; first moments about the believed P."""
+    values, more = [], float(causes["", "mass"][0])
     for one in fit.parameters:
-        if not one.arm:
-            values.append(mass * float(causes["", "mass"][0]) if one.part == "mass" else np.nan)
+        if one.part == "mass" and not one.arm:
+            values.append(mass * more)
+        elif one.part == "first moment":
+            values.append(mass * (1.0 + more) * causes["", "centre"]["xyz".index(one.axis)])
+        elif not one.arm:
+            values.append(np.nan)
         elif one.part in ("tip", "base", "wrist"):
             values.append(causes[one.arm, one.part][FRAME_AXES.index(one.axis)])
         else:
             same = [other.axis for other in fit.parameters if (other.arm, other.part) == (one.arm, one.part)]
             values.append(causes[one.arm, one.part][same.index(one.axis)])
     return np.array(values)
+
+
+def force_of(answer, members, causes):
+    """The mean norm of the force that the true values of some parameters make."""
+    made = answer.effects
+    columns_of = [made.parameters.index(one) for one in members]
+    x = [
+        causes[one.arm, one.part][FRAME_AXES.index(one.axis)]
+        if one.part == "wrist"
+        else truth(answer.kinematics, causes)[answer.kinematics.parameters.index(one)]
+        for one in members
+    ]
+    return float(np.linalg.norm(made.force[..., columns_of] @ np.array(x), axis=2).max(axis=1).mean())

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from coop_pin.base.errors import ArgumentError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause
+from coop_pin.identification.closure import ViewClosure
 from coop_pin.identification.effects import Effects, friction_parameters
 from coop_pin.identification.error_changes import error_changes
 from coop_pin.identification.estimate import Fit
@@ -18,8 +20,6 @@ from coop_pin.identification.payload import HAND_AXES
 from coop_pin.logs.record import Record
 from coop_pin.results.finding import Findings
 
-_FLOOR = 0.02
-"""Forces below it are left out of the summary, N."""
 _SUM = 0.5
 """Part of a mass's interval below which that of a sum tells that only the sum is seen."""
 
@@ -32,6 +32,7 @@ class Blame:
         scenario: cell and law.
         record: log of the arms.
         findings: defects of the log; after an error there are no estimates.
+        closure: views of the payload that were fitted; None after an error.
         kinematics: estimates of tips, bases, joints, links and clocks; None after an error.
         payload: estimates of the payload and of the wrists' zeros; None without wrenches.
         friction: friction of the drives whose torques are logged.
@@ -51,6 +52,7 @@ class Blame:
     scenario: Scenario
     record: Record
     findings: Findings
+    closure: ViewClosure | None = None
     kinematics: Fit | None = None
     payload: Fit | None = None
     friction: tuple[DriveFriction, ...] = ()
@@ -63,6 +65,17 @@ class Blame:
     excitation: Excitation | None = None
     simulated: str = ""
     uncovered: str = ""
+
+    @property
+    def fitted(self) -> tuple[ViewClosure, Fit]:
+        """Views of the arms with the estimate of their errors.
+
+        Raises:
+            ArgumentError: the log has errors, and there is no estimate.
+        """
+        if self.closure is None or self.kinematics is None:
+            raise ArgumentError("there are no estimates: mend the log as its findings say, and ask again")
+        return self.closure, self.kinematics
 
     @property
     def errors(self) -> dict[str, Any]:
@@ -102,7 +115,7 @@ class Blame:
             lines.append(
                 f"  {self.views[0]:6.2f} N ({low:.2f} to {high:.2f})  all that the arms see differently"
             )
-            lines += [f"  {cause}{self._words(cause)}" for cause in self.causes if _is_shown(cause)]
+            lines += [f"  {cause}{self._words(cause)}" for cause in self.causes if cause.counts]
             if self.share is not None and self.share not in self.causes:
                 lines.append(f"  below {self.share.high:.2f} N  load shares, which are those of the cell")
             if np.isfinite(self.unexplained):
@@ -128,15 +141,10 @@ class Blame:
             return (
                 f"; the log does not see {'it, its prior does' if cause.is_one else 'them, their priors do'}"
             )
-        if cause.low <= _FLOOR:
+        if cause.is_none:
             return "; not different from zero"
         drives = zip(friction_parameters(self.friction), self.friction, strict=True)
         size = cause.size or " or ".join(str(one) for drive, one in drives if drive in cause.members)
         if cause.is_one:
             return size and f", {size}"
         return f": not told apart, only what they make together{size and f'; alone {size}'}"
-
-
-def _is_shown(cause: Cause) -> bool:
-    """Return whether a cause makes a force, or may make one that counts."""
-    return (cause.low if cause.is_seen else cause.newtons) > _FLOOR or cause.high > 10.0 * _FLOOR

@@ -12,7 +12,7 @@ from coop_pin.base.arrays import Array, as_array, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.answer import Blame
-from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.closure import ViewClosure, grasp_springs
 from coop_pin.identification.estimate import Fit, Priors
 from coop_pin.identification.filtering import filtered
 from coop_pin.identification.friction import DriveFriction, friction_fit
@@ -61,12 +61,13 @@ def blame(
     arms = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
     noted = [*log_findings(record, scenario)]
     if not any(one.severity == "error" for one in noted):
-        closure = ViewClosure(record, arms, priors, noise=_stated_noise(scenario, arms))
+        noise, springs = _stated_noise(scenario, arms), grasp_springs(scenario)
+        closure = ViewClosure(record, arms, priors, noise=noise, springs=springs)
         noted += kinematic_findings(closure, record)
     if any(one.severity == "error" for one in noted):
         return Blame(scenario, record, Findings(scenario.name, sorted_findings(noted)))
     kinematics = closure.fit()
-    samples = filtered(record, kinematics.late, springs=closure.springs)
+    samples = filtered(record, kinematics.late, springs=closure.deflections)
     payload, friction = None, list[DriveFriction]()
     if all(len(record.arms[name].wrench_time) for name in arms):
         payload = payload_fit(record, scenario, closure, kinematics, samples, priors)
@@ -80,7 +81,7 @@ def blame(
     findings = Findings(scenario.name, sorted_findings(noted))
     if not findings.ok:
         return Blame(scenario, record, findings)
-    return Blame(scenario, record, findings, kinematics, payload, tuple(friction), **answer)
+    return Blame(scenario, record, findings, closure, kinematics, payload, tuple(friction), **answer)
 
 
 def _read(log: Any, scenario: Any) -> tuple[Record, Scenario]:
@@ -126,14 +127,14 @@ def _require_views(scenario: Scenario) -> None:
 
 
 def _stated_noise(scenario: Scenario, arms: Mapping[str, CellArm]) -> dict[str, Array] | None:
-    """Return the noise of the joint positions by the sensors of a scenario; None where none is stated."""
+    """Return the noise of the drive positions by the sensors of a scenario; None where none is stated."""
     noise = {}
     for name, arm in arms.items():
         encoder = scenario.sensors_of(name).encoder
         sd = np.hypot(np.array(encoder.resolution) / np.sqrt(12.0), np.array(encoder.noise))
         if not np.any(sd):
             return None
-        noise[name] = np.sqrt(arm.from_drive**2 @ np.broadcast_to(sd, arm.nv) ** 2)
+        noise[name] = np.broadcast_to(sd, arm.nv)
     return noise
 
 

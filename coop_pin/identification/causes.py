@@ -18,6 +18,8 @@ _SMALL = 0.04
 """Standard deviation of a force below which it is told apart, N."""
 _SEEN = 0.9
 """Part of the variance by the priors from which on the log decides, however small the force is."""
+_FLOOR = 0.02
+"""Force below which a cause is not told, N."""
 _DRAWS = 400
 _LEVELS = (2.5, 97.5)
 """Percentiles of an interval."""
@@ -59,6 +61,16 @@ class Cause(NamedTuple):
     def is_seen(self) -> bool:
         """Whether the log, and not what was known before, says how much it makes."""
         return self.is_known or self.seen > _SEEN
+
+    @property
+    def counts(self) -> bool:
+        """Whether it makes a force, or may make one that counts."""
+        return (self.low if self.is_seen else self.newtons) > _FLOOR or self.high > 10.0 * _FLOOR
+
+    @property
+    def is_none(self) -> bool:
+        """Whether the force that the log shows of it is not different from zero."""
+        return self.is_seen and self.low <= _FLOOR
 
     @property
     def name(self) -> str:

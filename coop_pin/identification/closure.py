@@ -11,11 +11,22 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import log3
+from coop_pin.description.scenario import Scenario
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.identification.estimate import Fit, Parameter, Priors
-from coop_pin.identification.filtering import APART, deflection, position_noise, sample_times, smoothing
+from coop_pin.identification.filtering import (
+    APART,
+    EXACT_ANGLE,
+    deflection,
+    position_noise,
+    sample_times,
+    smoothing,
+)
 from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.simulation.loop import start_configuration
 
 _STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
 """Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
@@ -27,27 +38,33 @@ _ALIGNS = 5
 """Most steps of the clocks alone before."""
 
 
+def arm_parameters(arm: CellArm) -> list[Parameter]:
+    """Return tip, base, joints and links of an arm, in the order of ``columns``."""
+    names, units = arm.limits.joints.names, arm.limits.joints.units
+    frames = [(part, k) for part in ("tip", "base") for k in range(6)]
+    rows = [(part, FRAME_AXES[k], "m" if k < 3 else "rad") for part, k in frames]
+    joints = [name.removeprefix("arm/") for name in names]
+    rows += [("joint", *one) for one in zip(joints, units, strict=True)]
+    return [Parameter(arm.name, *row) for row in (*rows, *(("link", joint, "1") for joint in joints))]
+
+
 def kinematic_parameters(arms: Mapping[str, CellArm], priors: Priors) -> tuple[list[Parameter], Array]:
-    """Return tip, base, joints and links of all arms, then clocks of all but the first, and the priors."""
-    parameters, sds = [], []
-    for name, arm in arms.items():
-        joints = [joint.removeprefix("arm/") for joint in arm.limits.joints.names]
-        for part, prior in (("tip", priors.tip), ("base", priors.base)):
-            units = ("m",) * 3 + ("rad",) * 3
-            parameters += [
-                Parameter(name, part, axis, unit) for axis, unit in zip(FRAME_AXES, units, strict=True)
-            ]
-            sds += [*np.repeat(prior, 3)]
-        units = arm.limits.joints.units
-        parameters += [
-            Parameter(name, "joint", joint, unit) for joint, unit in zip(joints, units, strict=True)
-        ]
-        parameters += [Parameter(name, "link", joint, "1") for joint in joints]
-        sds += [priors.joint] * arm.nv + [priors.link] * arm.nv
-    for name in [*arms][1:]:
-        parameters.append(Parameter(name, "clock", "", "s"))
-        sds.append(priors.clock)
+    """Return the parameters of all arms, then clocks of all but the first, and the priors."""
+    parameters = [one for arm in arms.values() for one in arm_parameters(arm)]
+    parameters += [Parameter(name, "clock", "", "s") for name in [*arms][1:]]
+    sds = [np.broadcast_to(getattr(priors, one.part), 2)[int(one.unit == "rad")] for one in parameters]
     return parameters, np.array(sds)
+
+
+def grasp_springs(scenario: Scenario) -> dict[str, SpringDamper]:
+    """Return the spring of every compliant grasp by its arm, damped as at the start of a run."""
+    chain, names = CellChain(scenario.cell, scenario.plant), [*scenario.cell.arms]
+    if len(chain.springs):
+        chain.damp(start_configuration(chain, scenario))
+    return {
+        names[arm]: SpringDamper(*(part[k : k + 1] for part in chain.springs.springs))
+        for k, arm in enumerate(chain.springs.arms)
+    }
 
 
 class ViewClosure:
@@ -61,8 +78,9 @@ class ViewClosure:
         times: times that are fitted, s, shape (n,).
         parameters: parameters that move a view.
         prior: their standard deviations.
-        noise: noise of the joint positions of every arm, shape (nv,) each.
-        springs: poses of tips in their grasp frames by the springs of grasps, as functions of time.
+        noise: noise of the drive positions of every arm, shape (nv,) each.
+        springs: springs of the grasps that have one.
+        deflections: positions and turns of tips in their grasp frames by springs, as functions of time.
     """
 
     def __init__(
@@ -72,18 +90,20 @@ class ViewClosure:
         priors: Priors,
         *,
         noise: Mapping[str, Array] | None = None,
+        springs: Mapping[str, SpringDamper] | None = None,
     ) -> None:
         """Choose samples by how far the joints move, and look at how errors move the views there."""
         self.arms, self.rows = arms, next(iter(arms.values())).rows
-        self.springs, self._springs = dict[str, CubicSpline](), dict[str, tuple[CubicSpline, Array]]()
-        for name, arm in arms.items():
-            if arm.stiffness is not None and len(record.arms[name].wrench_time):
-                q = arm.configuration(record.arms[name].position[0])
-                off, sd = deflection(record.arms[name], arm.stiffness, arm.spring_lag(q), record.free)
-                self.springs[name], self._springs[name] = off, (_smooth(off), sd)
+        self.springs = springs or {}
+        read = {name: one for name, one in self.springs.items() if len(record.arms[name].wrench_time)}
+        given = {name: deflection(record.arms[name], one, record.free) for name, one in read.items()}
+        self.deflections = {name: off for name, (off, _) in given.items()}
+        self._springs = {name: (_smooth(off), sd) for name, (off, sd) in given.items()}
         splines = {name: _spline(record.arms[name]) for name in arms}  # a spring swings as its arm does
-        self._splines = {name: _smooth(one) if self.springs else one for name, one in splines.items()}
-        self.noise = noise or {name: position_noise(record.arms[name]) for name in arms}
+        self._splines = {name: _smooth(one) if given else one for name, one in splines.items()}
+        self.noise = noise or {
+            name: position_noise(record.arms[name].position @ arm.drive.T) for name, arm in arms.items()
+        }
         apart, self._smooths = APART, 1.0
         if self._springs:
             width = smoothing(record.arms[next(iter(arms))].time)
@@ -129,34 +149,25 @@ class ViewClosure:
 
     def _evaluate(self, x: Array, is_free: Array) -> tuple[Array, Array]:
         """Return residuals and their derivatives, shapes (n, r) and (n, r, all parameters)."""
-        rows, at, poses, derivatives = list(self.rows.indices), 0, [], []
+        rows, poses, by_errors, by_clock = list(self.rows.indices), [], [], []
         full = np.zeros(len(is_free))
         full[is_free] = x
-        clocks = full[len(full) - len(self.arms) + 1 :]
-        for number, (name, arm) in enumerate(self.arms.items()):
-            n = arm.nv
-            tip, base, offset, links = np.split(full[at : at + 12 + 2 * n], (6, 12, 12 + n))
-            late = clocks[number - 1] if number else 0.0
-            view = self.view(name, self.times, offset, late)
-            pose = moved(view, arm, tip, base, links)
-            _, speed = self.joints(name, self.times + late)
-            poses.append(pose)
-            of_arm = -columns(view._replace(pose=pose), arm)
-            derivatives.append((of_arm, np.einsum("nij,nj->ni", view.jacobian, speed)))
-            at += 12 + 2 * n
-        size = len(rows)
-        r = np.empty((len(self.times), size * (len(poses) - 1)))
+        ends = np.cumsum([12 + 2 * arm.nv for arm in self.arms.values()])
+        *of_arms, clocks = np.split(full, ends)
+        for (name, arm), late, part in zip(self.arms.items(), (0.0, *clocks), of_arms, strict=True):
+            tip, base, offset, links = np.split(part, (6, 12, 12 + arm.nv))
+            view, (_, speed) = self.view(name, self.times, offset, late), self.joints(name, self.times + late)
+            poses.append(moved(view, arm, tip, base, links))
+            by_errors.append(-columns(view._replace(pose=poses[-1]), arm)[:, rows])
+            by_clock.append(np.einsum("nij,nj->ni", view.jacobian, speed)[:, rows])
+        r = np.empty((len(self.times), len(rows) * (len(poses) - 1)))
         J = np.zeros((*r.shape, len(full)))
-        first = derivatives[0][0]
-        at = first.shape[2]
-        for number, (pose, (of_arm, speed)) in enumerate(zip(poses[1:], derivatives[1:], strict=True)):
-            part = slice(size * number, size * (number + 1))
-            turned = log3(pose[:, :3, :3] @ np.swapaxes(poses[0][:, :3, :3], 1, 2))
-            r[:, part] = np.hstack((pose[:, :3, 3] - poses[0][:, :3, 3], turned))[:, rows]
-            J[:, part, : first.shape[2]] = -first[:, rows]
-            J[:, part, at : at + of_arm.shape[2]] = of_arm[:, rows]
-            J[:, part, len(full) - len(poses) + 1 + number] = speed[:, rows]
-            at += of_arm.shape[2]
+        for k in range(1, len(poses)):
+            at = slice(len(rows) * (k - 1), len(rows) * k)
+            turned = log3(poses[k][:, :3, :3] @ np.swapaxes(poses[0][:, :3, :3], 1, 2))
+            r[:, at] = np.hstack((poses[k][:, :3, 3] - poses[0][:, :3, 3], turned))[:, rows]
+            J[:, at, : ends[0]], J[:, at, ends[k - 1] : ends[k]] = -by_errors[0], by_errors[k]
+            J[:, at, ends[-1] + k - 1] = by_clock[k]
         return r, J
 
     def _whitening(self) -> Array:
@@ -165,7 +176,8 @@ class ViewClosure:
         of_arms = []
         for name in self.arms:
             view = self.view(name, self.times)
-            J = view.jacobian[:, rows] * (self.noise[name] * self._smooths)
+            sd = np.maximum(self.noise[name] * self._smooths, EXACT_ANGLE)
+            J = view.jacobian[:, rows] @ self.arms[name].from_drive * sd
             if name in self._springs:
                 tip = columns(view, self.arms[name])[:, rows, :6] * self._springs[name][1]
                 J = np.concatenate((J, tip), axis=2)

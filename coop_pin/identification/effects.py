@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import ViewClosure
+from coop_pin.identification.closure import ViewClosure, arm_parameters
 from coop_pin.identification.estimate import Parameter
 from coop_pin.identification.friction import WIDTH, DriveFriction
 from coop_pin.identification.law_response import internal_wrenches
@@ -68,6 +68,7 @@ def effects(
     for number, (name, arm) in enumerate(arms.items()):
         of_arm = _columns(views[name], arm, times)[:, rows]
         at_P = (turns @ pin.SE3(arm.X_PE).toDualActionMatrix())[:, rows]
+        column = {one: k for k, one in enumerate(arm_parameters(arm))}
         by_hand = at_P @ hand_columns(views[name].pose[:, :3, :3] @ arm.X_PE[:3, :3], gravity)
         for k, one in enumerate(parameters):
             if one.arm == name and one.part == "wrist":
@@ -75,7 +76,7 @@ def effects(
             elif one.arm == name and one.part == "hand":
                 wrist[:, number, :, k] = by_hand[:, :, HAND_AXES.index(one.axis)]
             elif one.arm == name:
-                bias[:, number, :, k] = of_arm[:, :, _column(one, arm)]
+                bias[:, number, :, k] = of_arm[:, :, column.get(one, -1)]  # the clock is last
         for k, drive_friction in enumerate(friction, len(parameters)):
             if drive_friction.arm == name:
                 torque[:, number, :, k] = _friction_wrench(closure, name, views[name], times, drive_friction)
@@ -102,16 +103,6 @@ def _columns(view: View, arm: CellArm, times: Array) -> Array:
     spin = np.stack((turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]), axis=1)
     late = -np.concatenate((speed, spin), axis=1)[:, :, None]
     return np.concatenate((columns(view, arm), late), axis=2)
-
-
-def _column(parameter: Parameter, arm: CellArm) -> int:
-    """Return the column of a parameter among tip, base, joints, links and clock."""
-    if parameter.part == "clock":
-        return 12 + 2 * arm.nv
-    if parameter.part in ("tip", "base"):
-        return FRAME_AXES.index(parameter.axis) + 6 * (parameter.part == "base")
-    joints = [name.removeprefix("arm/") for name in arm.limits.joints.names]
-    return 12 + joints.index(parameter.axis) + arm.nv * (parameter.part == "link")
 
 
 def _turned_squeeze(bias: Array, f_d: Array, rows: Sequence[int]) -> Array:

@@ -17,8 +17,8 @@ from coop_pin.logs.record import ArmRecord, Record
 
 WINDOW = 0.2
 """Width of the Hann kernel, s; what is faster is in no equation of motion that is fitted."""
-_EXACT_ANGLE = 1e-6
-"""Angle to which no chain of links is true, rad: the noise of a simulated encoder without any."""
+EXACT_ANGLE = 1e-6
+"""Angle to which no chain of links is true, rad, however much its noise is smoothed."""
 _POSES, APART = 600, 3
 """Poses that are fitted, and samples from one to the next, at least."""
 _SOLVES, _SPRUNG = 30, 1e-3
@@ -80,7 +80,7 @@ def smoothing(times: Array) -> int:
 
 
 def deflection(
-    arm: ArmRecord, stiffness: Array, lag: Array, free: tuple[float, float] | None
+    arm: ArmRecord, spring: SpringDamper, free: tuple[float, float] | None
 ) -> tuple[CubicSpline, Array]:
     """Return where a spring lets the tip be in its grasp frame, and the noise of it smoothed.
 
@@ -89,19 +89,18 @@ def deflection(
 
     Args:
         arm: record of the arm.
-        stiffness: K, N/m and N m/rad, shape (6,).
-        lag: D / K, s, shape (6,).
+        spring: one spring and damper.
         free: interval whose mean reading is no load of the spring, s.
 
     Returns:
         m and rad, shapes (n, 6) and (6,).
     """
     time, kept = np.unique(arm.wrench_time, return_index=True)
-    wrench = arm.wrench[kept]
-    if free is not None and (is_free := (time >= free[0]) & (time < free[1])).any():
-        wrench = wrench - wrench[is_free].mean(axis=0)
+    read = arm.free_wrench(free)
+    wrench = arm.wrench[kept] - read.sum(axis=0) / max(len(read), 1)
     force, moment = wrench[:, :3], wrench[:, 3:]
-    spring, turn = SpringDamper.of(stiffness[None], np.zeros((1, 6))), np.zeros_like(force)
+    stiffness, turn = spring.stiffness[0], np.zeros_like(force)
+    lag = spring.damping[0] / stiffness
     for _ in range(_SOLVES):
         turned = Rotation.from_rotvec(turn)
         R, p = turned.as_matrix(), -turned.apply(force) / stiffness[:3]
@@ -181,22 +180,24 @@ def _scatter(values: Array, order: int = 1) -> Array:
     return np.asarray(spread / np.sqrt(binom(2 * order, order)))
 
 
-def position_noise(record: ArmRecord) -> Array:
-    """Return the standard deviation of the positions of a record: of their counts, or of what is not smooth.
+def position_noise(position: Array) -> Array:
+    """Return the standard deviation of positions: of their counts, or of what is not smooth.
 
     Counts are seen if most steps are multiples of the smallest one.
+
+    Args:
+        position: positions of drives over time, rad or m, shape (n, nv).
     """
-    few = len(record.position) < 4
-    roughs = np.zeros(record.position.shape[1]) if few else _scatter(record.position, 3)
+    roughs = np.zeros(position.shape[1]) if len(position) < 4 else _scatter(position, 3)
     sds = []
-    for q, rough in zip(record.position.T, roughs, strict=True):
+    for q, rough in zip(position.T, roughs, strict=True):
         steps = np.abs(np.diff(q))
         steps = steps[steps > 1e-12]
         count = float(steps.min()) if len(steps) else 0.0
         ratios = steps / count if count else np.ones(1)
         is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)
         sds.append(count / np.sqrt(12.0) if is_counted else rough)
-    return np.maximum(sds, _EXACT_ANGLE)
+    return np.array(sds)
 
 
 def sample_times(record: Record, apart: int = APART) -> Array:

@@ -36,7 +36,7 @@ def kinematic_findings(closure: ViewClosure, record: Record) -> Iterator[Finding
     readings = {"degrees": _scaled(record, np.pi / 180.0)} | _swapped(record)
     for name, reading in readings.items():
         try:
-            off = _apart(ViewClosure(reading, closure.arms, Priors()))
+            off = _apart(ViewClosure(reading, closure.arms, Priors(), springs=closure.springs))
         except (ValueError, np.linalg.LinAlgError):
             continue
         if off[0] < _APART_M and off[1] < _APART_RAD:

@@ -198,13 +198,10 @@ def _free_hand(record: Record, scenario: Scenario, arm: CellArm) -> tuple[Array,
         Reading, 1 / sd^2 and the columns of zero and hand, shapes (6,), (6,) and (6, 10).
     """
     samples, J = record.arms[arm.name], np.eye(6, 10)
-    if record.free is None:
+    wrench = samples.free_wrench(record.free)
+    if record.free is None or len(wrench) < 2:
         return np.zeros(6), np.zeros(6), J
-    start, end = record.free
-    is_free = (samples.wrench_time >= start) & (samples.wrench_time < end)
-    if is_free.sum() < 2:
-        return np.zeros(6), np.zeros(6), J
-    at = samples.position[int(np.searchsorted(samples.time, (start + end) / 2.0))][None]
+    at = samples.position[int(np.searchsorted(samples.time, sum(record.free) / 2.0))][None]
     J[:, 6:] = hand_columns(tip_rotations(arm, at), np.array(scenario.cell.gravity))[0]
-    wrench = samples.wrench[is_free] - hand_weight(scenario, arm, at)
-    return wrench.mean(axis=0), is_free.sum() / np.maximum(wrench.var(axis=0), 1e-12), J
+    wrench = wrench - hand_weight(scenario, arm, at)
+    return wrench.mean(axis=0), len(wrench) / np.maximum(wrench.var(axis=0), 1e-12), J

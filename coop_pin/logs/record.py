@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from coop_pin.base.arrays import Array, require_path, require_type
 from coop_pin.base.errors import ArgumentError, FileReadError
 from coop_pin.base.spatial import quaternions, rotations
+from coop_pin.description.cell.grasp import CompliantGrasp
 from coop_pin.description.log_table import SECONDS
 from coop_pin.description.scenario import Scenario
 from coop_pin.logs.csv_log import read_csv
@@ -42,6 +43,11 @@ class ArmRecord:
     effort: Array
     wrench_time: Array
     wrench: Array
+
+    def free_wrench(self, free: tuple[float, float] | None) -> Array:
+        """Return the wrenches of an interval with free hands, none without one, shape (k, 6)."""
+        start, end = free or (0.0, 0.0)
+        return self.wrench[(self.wrench_time >= start) & (self.wrench_time < end)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +106,7 @@ class Record:
             sees = has_wrist and not scenario.cell.jointed and not scenario.cell.shared_joints
             seen = np.array([view(arm.configuration(each)).pose for each in q]) if sees else X_WP
             X_PE = arm.X_PE
-            if arm.stiffness is not None:  # the wrist is behind the spring
+            if isinstance(scenario.cell.grasps[name], CompliantGrasp):  # the wrist is behind the spring
                 off = np.nan_to_num(of_arm.grasp_deflection.values)
                 X_PE = X_PE @ poses_of(off[:, :3], Rotation.from_rotvec(off[:, 3:]).as_quat())
             wrench = at_tip(F, seen, X_PE)

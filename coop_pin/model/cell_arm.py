@@ -5,14 +5,13 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import NameNotFoundError
 from coop_pin.base.spatial import FullRows
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.closure import row_mask
-from coop_pin.description.cell.grasp import CompliantGrasp, JointGrasp
+from coop_pin.description.cell.grasp import JointGrasp
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 
 
@@ -24,8 +23,6 @@ class CellArm(ArmModel):
         share: Load share c.
         rows: Task rows of the cell.
         X_PE: Pose of the tip in the payload frame, by its grasp.
-        stiffness: Stiffness of its grasp in axes of the tip, N/m and N m/rad, shape (6,); None if that is no
-            spring.
         grasp_rows: Rows of its grasp where that is a joint. With fewer joints than task rows, inverse
             kinematics leave the turns of that joint free; else they keep its grasp frame.
     """
@@ -49,8 +46,6 @@ class CellArm(ArmModel):
         super().__init__(self.description, self.X_PE, cell.gravity, name=name)
         self.share, self.rows = cell.share(name), cell.task_rows
         grasp = cell.grasps[name]
-        self._held, self._grasp = cell.payload, grasp
-        self.stiffness = np.array(grasp.stiffness) if isinstance(grasp, CompliantGrasp) else None
         self.grasp_rows = cell.grasp_rows(name) if isinstance(grasp, JointGrasp) else None
         if isinstance(grasp, JointGrasp) and self.nv < self.rows.size:
             to_C = np.kron(np.eye(2), grasp.X_EC[:3, :3].T)
@@ -72,23 +67,6 @@ class CellArm(ArmModel):
     def spare(self) -> int:
         """Number of joints beyond the rows of its grasp; negative with fewer."""
         return int(self.nv - (self.grasp_rows or self.rows).size)
-
-    def spring_lag(self, q: Array) -> Array:
-        """Return D / K of the spring of its grasp, in axes of the tip, s, shape (6,).
-
-        Args:
-            q: Configuration at which a damping ratio gives D, as at the start of a run.
-        """
-        grasp, payload = self._grasp, self._held
-        assert isinstance(grasp, CompliantGrasp)
-        if grasp.damping is not None:
-            return np.array(grasp.damping) / np.array(grasp.stiffness)
-        J = np.kron(np.eye(2), self.payload_pose(q)[:3, :3].T) @ self.payload_jacobian(q)
-        inertia = pin.Inertia(payload.mass, np.zeros(3), np.array(payload.inertia_matrix)).matrix()
-        mobility = J @ np.linalg.solve(self.mass_matrix(q), J.T) + np.linalg.inv(inertia)
-        A = pin.SE3(self.X_PE).toActionMatrixInverse()
-        W = np.diagonal(A @ mobility @ A.T)
-        return np.asarray(2.0 * grasp.damping_ratio / np.sqrt(np.array(grasp.stiffness) * W))
 
     def task_jacobian(self, q: Array, R_WP: Array | None = None) -> Array:
         """Return J = S J_WP T^-1 with V_WP = J qdot on the task rows S, shape (k_0, nv).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
@@ -31,7 +32,7 @@ def blame_html(answer: Blame) -> str:
         answer: answer with estimates.
     """
     causes = ""
-    if answer.causes:
+    if any(cause.counts for cause in answer.causes):
         causes = figure_image(blame_figure(answer), "causes of internal force with intervals")
     fits = [fit for fit in (answer.kinematics, answer.payload) if fit is not None]
     return Template(web_file("blame.html")).substitute(
@@ -71,9 +72,7 @@ def _rows(fit: Fit) -> str:
     """Return the estimates of a fit as rows of a table."""
     columns = (fit.x, 1.96 * fit.sd, fit.prior, np.clip(fit.seen, 0.0, 1.0))
     return "\n".join(
-        _row(
-            str(one), one.valued(x), one.written[0] * interval, f"{one.written[0] * prior:.2g}", f"{seen:.2f}"
-        )
+        _row(str(one), one.written, (x, interval), (f"{one.written[0] * prior:.2g}", f"{seen:.2f}"))
         for one, x, interval, prior, seen in zip(fit.parameters, *columns, strict=True)
     )
 
@@ -82,7 +81,7 @@ def _other_rows(answer: Blame) -> str:
     """Return friction and the load shares of the law as rows: they have no prior."""
     seen = [one for one in answer.friction if one.is_seen]
     rows = [
-        _row(str(drive), f"{one.coulomb:+.3g} N m", 1.96 * one.sd[1], "", "")
+        _row(str(drive), (1.0, "N m"), (one.coulomb, 1.96 * one.sd[1]))
         for drive, one in zip(friction_parameters(seen), seen, strict=True)
     ]
     if answer.share is not None:  # its force is proportional to them
@@ -90,11 +89,17 @@ def _other_rows(answer: Blame) -> str:
         off = np.abs(np.array(share.sizes) - answer.scenario.cell.shares)
         intervals = off * (share.high / max(share.newtons, 1e-12) - 1.0)
         columns = zip(share.members, share.sizes, intervals, strict=True)
-        rows += [_row(str(one), one.valued(size), interval, "", "") for one, size, interval in columns]
+        rows += [_row(str(one), one.written, numbers) for one, *numbers in columns]
     return "\n".join(rows)
 
 
-def _row(name: str, estimate: str, interval: float, *beside: str) -> str:
-    cells = (estimate, f"{interval:.2g}", *beside)
-    numbers = "".join(f'<td class="number">{cell}</td>' for cell in cells)
-    return f"<tr><td>{html.escape(name)}</td>{numbers}</tr>"
+def _row(
+    name: str, written: tuple[float, str], numbers: Sequence[float], beside: Sequence[str] = ("", "")
+) -> str:
+    """Return an estimate as a row, to two digits of its interval."""
+    factor, unit = written
+    value, interval = (factor * number for number in numbers)
+    digits = max(1 - int(np.floor(np.log10(max(interval, 1e-6)))), 0)
+    cells = (f"{value:{'+' * bool(unit)}z.{digits}f}", f"{interval:.{digits}f}", *beside)
+    columns = "".join(f'<td class="number">{cell}</td>' for cell in cells)
+    return f"<tr><td>{html.escape(', '.join(filter(None, (name, unit))))}</td>{columns}</tr>"

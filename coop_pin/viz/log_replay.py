@@ -31,8 +31,8 @@ def logged_run(answer: Blame) -> RunResult:
     Args:
         answer: answer with estimates of the wrists, of a cell without shared joints.
     """
-    late = {} if answer.kinematics is None else answer.kinematics.late
-    filtered_arms = filtered(answer.record, late, _SPACING)
+    closure, kinematics = answer.fitted
+    filtered_arms = filtered(answer.record, kinematics.late, _SPACING)
     arms = [CellArm(answer.scenario.cell, name) for name in filtered_arms]
     time = next(iter(filtered_arms.values())).time
     changes = {"events": (), "network": None, "duration": float(time[-1] - time[0])}
@@ -49,13 +49,15 @@ def logged_run(answer: Blame) -> RunResult:
         entries = np.array([arm.configuration(angles) for angles in one.q])
         samples["configuration"][:, slot.q_slice] = entries
         if k == 0:
-            _fill(samples, answer, scenario, time, np.array([arm.payload_pose(q) for q in entries]))
+            _fill(samples, answer, scenario, time, closure.view(arm.name, time).pose)
         samples["tip_position"][:, k] = [arm.tip_pose(q)[:3, 3] for q in entries]
         samples["torque"][:, k, : arm.nv] = one.tau @ arm.from_drive
         wrench = (
             one.wrench - _zero(answer, arm.name) - hand_weight(answer.scenario, arm, one.q, answer.payload)
         )
-        samples["interaction_wrench"][:, k] = _about_payload(wrench, samples["payload_pose"], arm.X_PE)
+        X_PE = closure.tip(arm.name, time + kinematics.late.get(arm.name, 0.0))
+        X_WP = samples["payload_pose"]
+        samples["interaction_wrench"][:, k] = _about_payload(wrench, X_WP @ X_PE, X_WP)
         jacobians.append(np.array([arm.task_jacobian(q) for q in entries]))
     each = filtered_arms.values()
     samples |= {"angles": [one.q for one in each], "rates": [one.v for one in each]}
@@ -76,6 +78,8 @@ def _fill(samples: Samples, answer: Blame, scenario: Scenario, time: Array, X_WP
         samples[f"{name}_twist"][:, :3] = np.gradient(samples[f"{name}_pose"][:, :3, 3], time, axis=0)
     grasps = scenario.cell.grasps
     samples["desired_squeeze"][:] = [scenario.squeeze.at(t, grasps) for t in samples["time"].tolist()]
+    if "load_share" in samples:  # of grasps that give
+        samples["load_share"][:] = scenario.cell.shares
     samples |= {name: np.zeros(len(time)) for name in work_names(False, False)}
     for name in (
         "external_wrench",
@@ -93,8 +97,7 @@ def _zero(answer: Blame, name: str) -> Array:
     return np.zeros(6) if fit is None else np.asarray(fit.x[fit.of(name, "wrist")])
 
 
-def _about_payload(wrench: Array, X_WP: Array, X_PE: Array) -> Array:
+def _about_payload(wrench: Array, X_WE: Array, X_WP: Array) -> Array:
     """Return wrenches in axes of a tip as wrenches about P in world axes, shape (n, 6)."""
-    R, lever = X_WP[:, :3, :3] @ X_PE[:3, :3], X_WP[:, :3, :3] @ X_PE[:3, 3]
-    force, moment = (np.einsum("nij,nj->ni", R, part) for part in (wrench[:, :3], wrench[:, 3:]))
-    return np.hstack((force, moment + np.cross(lever, force)))
+    force, moment = (np.einsum("nij,nj->ni", X_WE[:, :3, :3], part) for part in np.hsplit(wrench, 2))
+    return np.hstack((force, moment + np.cross(X_WE[:, :3, 3] - X_WP[:, :3, 3], force)))

@@ -23,6 +23,9 @@ def test_the_committed_log_has_its_answer_page_and_correction(tmp_path, capsys):
     assert "right clock" in out
     assert abs(float(re.search(r"left wrist y, (\S+) N", out)[1]) - 1.5) < 0.05
     assert abs(float(re.search(r"right base x (\S+) mm", out)[1]) - 2.0) < 0.1
+    howto = (FOLDER.parents[1] / "docs" / "howto" / "real-arms.md").read_text()
+    for line in re.search(r"```text\n(.*?)```", howto, re.DOTALL)[1].splitlines():
+        assert " ".join(line.split()) in out, line
     page = (tmp_path / "blame.html").read_text()
     assert page.count("data:image/svg+xml") == 2
     table = tomllib.loads((tmp_path / "with_errors.toml").read_text())

@@ -233,16 +233,36 @@ def test_a_run_leaves_as_mcap_with_its_internal_wrench_and_frames(run, tmp_path)
     expected = np.linalg.norm(np.nan_to_num(data.internal_wrench.sel(arm="left").values)[:, :3], axis=1)
     assert np.abs(norms - expected).max() < 1e-9
     assert np.abs(topics["/desired_pose"].values["position"] - data.desired_position.values).max() == 0.0
+    frames = frames_of(tmp_path / "run.mcap")
+    assert {*frames} == {"payload", "left/tip", "right/tip"}
+    assert np.array_equal(frames["payload"], data.payload_position.values)
+
+
+def frames_of(path):
+    """The origins of the frames of a file over time, by name."""
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
-    with (tmp_path / "run.mcap").open("rb") as stream:
+    with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        frames = [message for _, _, _, message in reader.iter_decoded_messages(["/tf"])]
-    assert len(frames) == 3 * data.time.size
-    payload = [one.transforms[0] for one in frames if one.transforms[0].child_frame_id == "payload"]
-    x = np.array([one.transform.translation.x for one in payload])
-    assert np.array_equal(x, data.payload_position.values[:, 0])
+        transforms = [message.transforms[0] for _, _, _, message in reader.iter_decoded_messages(["/tf"])]
+    frames = {}
+    for one in transforms:
+        p = one.transform.translation
+        frames.setdefault(one.child_frame_id, []).append((p.x, p.y, p.z))
+    return {name: np.array(origins) for name, origins in frames.items()}
+
+
+@pytest.mark.parametrize("name", ["adept-compliant", "two-pandas-hinges"])
+def test_frames_of_tips_are_where_grasps_let_them_be(name, tmp_path):
+    """Springs give and hinges turn: the origins are those that the plant has."""
+    pytest.importorskip("mcap_ros2")
+    result = cp.run(name, {"duration": 0.1, "events": []}, warn=False)
+    write_run(result, tmp_path / "run.mcap")
+    frames = frames_of(tmp_path / "run.mcap")
+    for arm in result.scenario.cell.arms:
+        tip = result.data.tip_position.sel(arm=arm).values
+        assert np.abs(frames[f"{arm}/tip"] - tip).max() < 1e-12
 
 
 def test_runs_leave_as_episodes_of_lerobot(run, tmp_path):
