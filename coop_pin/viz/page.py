@@ -83,7 +83,7 @@ def page_html(layout: str, page: Mapping[str, Any]) -> str:
 
 
 def inside_page(replay: str) -> str:
-    """Return a replay as elements of another page, packed; ``inside.js`` there unpacks it and draws it for paper."""
+    """Return a replay as elements of another page, packed; its ``inside.js`` unpacks it."""
     page = replay.replace('class="replay"', 'class="replay inside"', 1).encode()
     packed = base64.b64encode(gzip.compress(page, mtime=0)).decode("ascii")
     return (

@@ -48,8 +48,8 @@ from coop_pin.viz.scene import LINEAR_M, ArrowScales, base64_floats, recorded_sc
 _MOST_RUNS = 4
 _FALLS_S = 0.2
 """Time over which the camera shows a payload that falls, s."""
-_MOST_NUMBERS = 400_000
-"""Numbers of the frames of a run, which are 2.2 MB of its page: frames of long runs are further apart."""
+_MOST_NUMBERS = 200_000
+"""Numbers of the frames of a page, 1.1 MB of at most 3: frames of long runs are further apart."""
 
 
 @typed
@@ -122,7 +122,7 @@ class NotebookView:
 
 
 def _packed(
-    result: RunResult, curves: tuple[Curve, ...], instants: list[float], scales: ArrowScales
+    result: RunResult, curves: tuple[Curve, ...], instants: list[float], scales: ArrowScales, most: int
 ) -> dict[str, Any]:
     """Return a run as the page reads it, with the frames of some instants; the camera frames the first."""
     cell, samples = result.scenario.cell, run_samples(result)
@@ -130,7 +130,7 @@ def _packed(
     nearest, visuals = "nearest_points" in samples, CellVisuals(cell, result.scenario.plant.payload)
     frames = CellFrames(cell, visuals, partners, nearest=nearest)
     numbers = sum(frames.blocks.values()) + 1 + len(curves)
-    rate = min(FRAMES_PER_SECOND, _MOST_NUMBERS / (numbers * max(result.end, 1.0)))
+    rate = min(FRAMES_PER_SECOND, most / (numbers * max(result.end, 1.0)))
     kept = frame_samples(samples["time"], rate, instants)
     moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
     scene = cell_scene(
@@ -165,12 +165,14 @@ def _framed(
     }
 
 
-def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> tuple[str, dict[str, Any]]:
+def _replay(
+    result: RunResult, times: Iterable[float], scales: ArrowScales, most: int = _MOST_NUMBERS
+) -> tuple[str, dict[str, Any]]:
     """Return the parts of the page of one run."""
     start, chips = telling_instant(result).time, instants(result)
     curves = cell_curves(run_samples(result), result.scenario.cell)
     data: dict[str, Any] = {
-        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times], scales)],
+        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times], scales, most)],
         "duration": result.end,
         "start": start,
         "spans": spans(result),
@@ -237,10 +239,11 @@ def _side_by_side(runs: Sequence[RunResult], names: Sequence[str], times: list[f
     common = ArrowScales(min(force for force, _ in scales), min(moments) if moments else None)
     tellings = [telling_instant(run).time for run in runs]
     errors = [float(np.nan_to_num(np.abs(run.data["internal_axial_error"].values)).max()) for run in runs]
-    panes = [_replay(run, [*tellings, *times], common) for run in runs]
-    most = max(pane["peak"] for _, pane in panes)
+    most = _MOST_NUMBERS // len(runs)
+    panes = [_replay(run, [*tellings, *times], common, most) for run in runs]
+    peak = max(pane["peak"] for _, pane in panes)
     for _, pane in panes:
-        pane["peak"] = most  # of one scale of struts
+        pane["peak"] = peak  # of one scale of struts
     first = panes[0][1]["runs"][0]["scene"]["meshes"]
     for scene in (pane["runs"][0]["scene"] for _, pane in panes[1:]):
         scene["meshes"] = None if scene["meshes"] == first else scene["meshes"]  # None: those of the first
