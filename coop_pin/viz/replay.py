@@ -20,7 +20,7 @@ from coop_pin.results.quantity import Samples
 from coop_pin.results.run_result import RunResult
 from coop_pin.viz.camera import arrow_ends, link_points, travels
 from coop_pin.viz.cell_scene import cell_scene
-from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
+from coop_pin.viz.curves import PLOTS, Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples, strut_columns
 from coop_pin.viz.highlights import (
     VerdictLine,
@@ -72,7 +72,8 @@ def replay_html(
         FieldError: there are more than four runs, or not as many names as runs.
     """
     if not others:
-        return page_html(*_replay(result, times, recorded_scales(result.scenario.cell, result.data)))
+        scales = recorded_scales(result.scenario.cell, result.data)
+        return page_html(*_replay(result, times, scales, _curves(result), _MOST_NUMBERS))
     runs = (result, *others)
     names = names or run_names(runs)
     if len(runs) > _MOST_RUNS or len(names) != len(runs):
@@ -165,12 +166,15 @@ def _framed(
     }
 
 
+def _curves(result: RunResult) -> tuple[Curve, ...]:
+    return cell_curves(run_samples(result), result.scenario.cell)
+
+
 def _replay(
-    result: RunResult, times: Iterable[float], scales: ArrowScales, most: int = _MOST_NUMBERS
+    result: RunResult, times: Iterable[float], scales: ArrowScales, curves: tuple[Curve, ...], most: int
 ) -> tuple[str, dict[str, Any]]:
     """Return the parts of the page of one run."""
     start, chips = telling_instant(result).time, instants(result)
-    curves = cell_curves(run_samples(result), result.scenario.cell)
     data: dict[str, Any] = {
         "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times], scales, most)],
         "duration": result.end,
@@ -240,7 +244,13 @@ def _side_by_side(runs: Sequence[RunResult], names: Sequence[str], times: list[f
     tellings = [telling_instant(run).time for run in runs]
     errors = [float(np.nan_to_num(np.abs(run.data["internal_axial_error"].values)).max()) for run in runs]
     most = _MOST_NUMBERS // len(runs)
-    panes = [_replay(run, [*tellings, *times], common, most) for run in runs]
+    tiles = {plot.key for plot in PLOTS if plot.tile}  # a pane has no plots
+    panes = [
+        _replay(
+            run, [*tellings, *times], common, tuple(one for one in _curves(run) if one.plot in tiles), most
+        )
+        for run in runs
+    ]
     peak = max(pane["peak"] for _, pane in panes)
     for _, pane in panes:
         pane["peak"] = peak  # of one scale of struts
