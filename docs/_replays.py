@@ -28,6 +28,15 @@ TELLING = (
     ("panda-ur5-bar", "anchored", "wrist lost at half time"),
 )
 """Cells of the comparison whose replays the site has: scenario, controller, trial."""
+PAIRS = tuple(
+    tuple((scenario, law, "bias 1 mm") for law in laws)
+    for scenario, *laws in (
+        ("adept-anchored", "printed", "anchored"),
+        ("two-pandas-box", "printed", "anchored"),
+        ("three-ur5-plate", "anchored", "leader-follower"),
+    )
+)
+"""Pairs of them of which the site has panes, in the order of the comparison's rows."""
 EMBEDDED = "replay.html"
 """Replay that a page embeds."""
 
@@ -39,13 +48,16 @@ def benchmark_run(scenario: str, controller: str, trial: str) -> RunResult:
     return cp.run(base, changes_of(base, standard_trials(base)[trial], law), warn=False)
 
 
-def runs() -> dict[str, Callable[[], RunResult]]:
-    """Return what makes the run of each replay, by its file below the static files, long runs first."""
+def runs() -> dict[str, dict[str, Callable[[], RunResult]]]:
+    """Return what makes the runs of each replay and their names, by its file below the static files."""
     first = ("pick-carry-place", "two-pandas-palms", "three-ur5-handover")
     names = (*first, *(name for name in scenario_names() if name not in first))
-    table = {f"{REPLAYS}/{name}.html": partial(cp.run, name, warn=False) for name in names}
-    table |= {f"{REPLAYS}/{replay_file([cell])}": partial(benchmark_run, *cell) for cell in TELLING}
-    return table | {EMBEDDED: partial(cp.run, "adept-paper", {"duration": 12.0}, warn=False)}
+    table = {f"{REPLAYS}/{name}.html": {name: partial(cp.run, name, warn=False)} for name in names}
+    table |= {
+        f"{REPLAYS}/{replay_file(cells)}": {cell[1]: partial(benchmark_run, *cell) for cell in cells}
+        for cells in (*((cell,) for cell in TELLING), *PAIRS)
+    }
+    return table | {EMBEDDED: {EMBEDDED: partial(cp.run, "adept-paper", {"duration": 12.0}, warn=False)}}
 
 
 def write(file: str, static: Path, cache: Path) -> None:
@@ -53,7 +65,9 @@ def write(file: str, static: Path, cache: Path) -> None:
     kept = cache / file
     if not kept.is_file():
         kept.parent.mkdir(parents=True, exist_ok=True)
-        save_replay(runs()[file](), kept)
+        made = runs()[file]
+        first, *others = (run() for run in made.values())
+        save_replay(first, kept, *others, names=tuple(made) if others else ())
     shutil.copy(kept, static / file)
 
 

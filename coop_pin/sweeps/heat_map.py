@@ -69,7 +69,8 @@ def write_heat_map(
 
     The colour of a cell is the logarithm of its value over the least one among its rivals, that of an error
     of the internal force over the squeeze that is wanted, from 1 % on. The first measure is shown first.
-    Replays that exist in the folder ``replays`` beside the page are linked.
+    Replays that exist in the folder ``replays`` beside the page are linked; that of two cells has the one
+    above first. Notes of which no row has a value are left out.
 
     Args:
         table: one row for each cell: names, measures (no value: not finite) with ``<measure>_low`` and
@@ -94,7 +95,7 @@ def write_heat_map(
         "names": {name: _coded(table[name]) for name in names},
         "rivals": list(rivals),
         "filters": {name: _coded(table[name]) for name in filters},
-        "notes": {name: _coded(table[name]) for name in (*notes, "failure")},
+        "notes": {name: _coded(table[name]) for name in (*notes, "failure") if table[name].notna().any()},
         "unsound": table["unsound"].astype(int).tolist(),
         "unkept": table["unkept"].astype(int).tolist(),
         "measures": [

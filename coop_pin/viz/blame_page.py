@@ -43,6 +43,7 @@ def blame_html(answer: Blame) -> str:
         text=html.escape(answer.summary()),
         views=figure_image(views_figure(answer), "views of the arms over time"),
         replay=_replay(answer),
+        inside=web_file("inside.js"),
         desired="" if len(answer.record.desired_time) else _NO_DESIRED,
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
         estimates="\n".join([*map(_rows, fits), _other_rows(answer)]),
@@ -51,9 +52,9 @@ def blame_html(answer: Blame) -> str:
 
 
 def _replay(answer: Blame) -> str:
-    """Return the replay of a log as text of an attribute; of arms on shared joints none."""
+    """Return the replay of a log as elements; of arms on shared joints none."""
     if answer.scenario.cell.shared_joints:
-        return "No replay shows arms on shared joints, whose positions no log has."
+        return "<p>No replay shows arms on shared joints, whose positions no log has.</p>"
     return inside_page(replay_html(logged_run(answer)))
 
 

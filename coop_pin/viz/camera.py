@@ -29,7 +29,7 @@ _BEGINS, _ENDS = 0.25, 0.6
 """Cosines to the inward direction from which an arrow begins, and ends, at its grasp; between, it slides."""
 
 
-def framing_camera(cell: Cell, tips: Array, path: Array, at: Array, shown: Array | None = None) -> Camera:
+def framing_camera(cell: Cell, tips: Array, path: Array, at: Array, shown: Array) -> Camera:
     """Return a camera that frames an instant, the first arm on the left and the last on the right.
 
     Its azimuth is a little off the front, to the side from which the line between the tips appears longer.
@@ -41,13 +41,9 @@ def framing_camera(cell: Cell, tips: Array, path: Array, at: Array, shown: Array
         tips: positions of the tips at the instant, m, shape (m, 3).
         path: positions of the payload over time, m, shape (n, 3).
         at: position of the payload at the instant, m, shape (3,).
-        shown: points that are in view at the instant, m, shape (k, 3); bases, and tips with the longest
-            arrows, when omitted.
+        shown: points that are in view at the instant, m, shape (k, 3).
     """
     bases = np.array([arm.base.xyz for arm in cell.arms.values()])
-    if shown is None:
-        reach = LONGEST_M * np.concatenate((np.eye(3), -np.eye(3)))
-        shown = np.concatenate((bases, (tips[:, None] + reach).reshape(-1, 3)))
     follows = travels(path, at)
     points = np.concatenate((shown, at[None], tips, *[path] * (not follows))) - at
     outwards = _outwards(cell, bases, tips)
@@ -102,6 +98,15 @@ def link_points(bodies: Iterable[Body], poses: Array) -> Array:
             corners = np.where(_CORNERS, high, low) @ visual.pose[:3, :3].T + visual.pose[:3, 3]
             points.append(corners @ R.T + p)
     return np.concatenate(points)
+
+
+def longest_arrows(tips: Array) -> Array:
+    """Return the ends of the longest arrows at tips along all axes, m, shape (k, 3).
+
+    Args:
+        tips: positions, m, shape (m, 3).
+    """
+    return (tips[:, None] + LONGEST_M * np.concatenate((np.eye(3), -np.eye(3)))).reshape(-1, 3)
 
 
 def arrow_ends(samples: Samples, scales: ArrowScales) -> Array:

@@ -43,8 +43,8 @@ def cell_scene(
     nearest: bool = False,
     tips: Array,
     path: Array,
+    shown: Array,
     at: Array | None = None,
-    shown: Array | None = None,
 ) -> Scene:
     """Return the drawables of a cell, and a camera close to its payload.
 
@@ -55,8 +55,8 @@ def cell_scene(
         nearest: whether the nearest points of two bodies are drawn.
         tips: positions of the tips at the instant that the camera frames, m, shape (m, 3).
         path: positions of the payload over time, m, shape (n, 3).
+        shown: points that are in view at the instant, m, shape (k, 3).
         at: position of the payload at the instant, m, shape (3,); the first of its path when omitted.
-        shown: points that are in view at the instant, m, shape (k, 3), as of ``framing_camera``.
     """
     arms = _body_items(bodies)
     feet = {name: arm.base.xyz[2] for name, arm in cell.arms.items()}  # of arms whose base has no visual

@@ -20,7 +20,7 @@ from coop_pin.results.quantity import Samples
 from coop_pin.results.run_result import RunResult
 from coop_pin.viz.camera import arrow_ends, link_points, travels
 from coop_pin.viz.cell_scene import cell_scene
-from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
+from coop_pin.viz.curves import PLOTS, Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples, strut_columns
 from coop_pin.viz.highlights import (
     VerdictLine,
@@ -48,8 +48,8 @@ from coop_pin.viz.scene import LINEAR_M, ArrowScales, base64_floats, recorded_sc
 _MOST_RUNS = 4
 _FALLS_S = 0.2
 """Time over which the camera shows a payload that falls, s."""
-_MOST_NUMBERS = 400_000
-"""Numbers of the frames of a run, which are 2.2 MB of its page: frames of long runs are further apart."""
+_MOST_NUMBERS = 200_000
+"""Numbers of the frames of a page, 1.1 MB of at most 3: frames of long runs are further apart."""
 
 
 @typed
@@ -72,7 +72,8 @@ def replay_html(
         FieldError: there are more than four runs, or not as many names as runs.
     """
     if not others:
-        return page_html(*_replay(result, times, recorded_scales(result.scenario.cell, result.data)))
+        scales = recorded_scales(result.scenario.cell, result.data)
+        return page_html(*_replay(result, times, scales, _curves(result), _MOST_NUMBERS))
     runs = (result, *others)
     names = names or run_names(runs)
     if len(runs) > _MOST_RUNS or len(names) != len(runs):
@@ -122,7 +123,7 @@ class NotebookView:
 
 
 def _packed(
-    result: RunResult, curves: tuple[Curve, ...], instants: list[float], scales: ArrowScales
+    result: RunResult, curves: tuple[Curve, ...], instants: list[float], scales: ArrowScales, most: int
 ) -> dict[str, Any]:
     """Return a run as the page reads it, with the frames of some instants; the camera frames the first."""
     cell, samples = result.scenario.cell, run_samples(result)
@@ -130,7 +131,7 @@ def _packed(
     nearest, visuals = "nearest_points" in samples, CellVisuals(cell, result.scenario.plant.payload)
     frames = CellFrames(cell, visuals, partners, nearest=nearest)
     numbers = sum(frames.blocks.values()) + 1 + len(curves)
-    rate = min(FRAMES_PER_SECOND, _MOST_NUMBERS / (numbers * max(result.end, 1.0)))
+    rate = min(FRAMES_PER_SECOND, most / (numbers * max(result.end, 1.0)))
     kept = frame_samples(samples["time"], rate, instants)
     moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
     scene = cell_scene(
@@ -165,12 +166,17 @@ def _framed(
     }
 
 
-def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> tuple[str, dict[str, Any]]:
+def _curves(result: RunResult) -> tuple[Curve, ...]:
+    return cell_curves(run_samples(result), result.scenario.cell)
+
+
+def _replay(
+    result: RunResult, times: Iterable[float], scales: ArrowScales, curves: tuple[Curve, ...], most: int
+) -> tuple[str, dict[str, Any]]:
     """Return the parts of the page of one run."""
     start, chips = telling_instant(result).time, instants(result)
-    curves = cell_curves(run_samples(result), result.scenario.cell)
     data: dict[str, Any] = {
-        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times], scales)],
+        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times], scales, most)],
         "duration": result.end,
         "start": start,
         "spans": spans(result),
@@ -237,10 +243,17 @@ def _side_by_side(runs: Sequence[RunResult], names: Sequence[str], times: list[f
     common = ArrowScales(min(force for force, _ in scales), min(moments) if moments else None)
     tellings = [telling_instant(run).time for run in runs]
     errors = [float(np.nan_to_num(np.abs(run.data["internal_axial_error"].values)).max()) for run in runs]
-    panes = [_replay(run, [*tellings, *times], common) for run in runs]
-    most = max(pane["peak"] for _, pane in panes)
+    most = _MOST_NUMBERS // len(runs)
+    tiles = {plot.key for plot in PLOTS if plot.tile}  # a pane has no plots
+    panes = [
+        _replay(
+            run, [*tellings, *times], common, tuple(one for one in _curves(run) if one.plot in tiles), most
+        )
+        for run in runs
+    ]
+    peak = max(pane["peak"] for _, pane in panes)
     for _, pane in panes:
-        pane["peak"] = most  # of one scale of struts
+        pane["peak"] = peak  # of one scale of struts
     first = panes[0][1]["runs"][0]["scene"]["meshes"]
     for scene in (pane["runs"][0]["scene"] for _, pane in panes[1:]):
         scene["meshes"] = None if scene["meshes"] == first else scene["meshes"]  # None: those of the first

@@ -162,6 +162,7 @@ def report_html(result: RunResult) -> str:
         ),
         left_out=f"Left out, because it does not apply to this run: {html.escape(absent)}." if absent else "",
         replay=inside_page(replay_html(result)),
+        inside=web_file("inside.js"),
         motion=figure_image(motion_figure(result), "paths of payload and tips"),
         tracking=figure_image(
             tracking_figure(result), "payload pose against the desired one, and the axial internal force"

@@ -2,6 +2,7 @@
 
 import base64
 import functools
+import gzip
 import re
 from html.parser import HTMLParser
 
@@ -45,7 +46,8 @@ class Page(HTMLParser):
             self.open.append(tag)
         self.ids += [given["id"]] if "id" in given else []
         self.links += [given["href"]] if tag == "a" else []
-        self.frames += [given["srcdoc"]] if "srcdoc" in given else []
+        if "data-page" in given:
+            self.frames.append(gzip.decompress(base64.b64decode(given["data-page"])).decode())
         self.images += [given["src"]] if tag == "img" else []
         self.loaded += [given[name] for name in ("src", "data", "poster") if name in given]
         self.loaded += [given["href"]] if tag == "link" else []

@@ -232,7 +232,7 @@ def test_a_squeeze_that_is_wanted_has_no_chip() -> None:
 
 def test_grasps_away_from_the_payload_have_rods_and_hanging_arms_a_plate() -> None:
     cell = Scenario.load("five-joint-pair").cell
-    items = cell_scene(cell, (), tips=np.zeros((2, 3)), path=np.zeros((1, 3))).items
+    items = cell_scene(cell, (), tips=np.zeros((2, 3)), path=np.zeros((1, 3)), shown=np.ones((2, 3))).items
     rods = [item for item in items if item.node == "payload" and item.colour == "#7d858f"]
     size = np.array(cell.payload.size) / 2.0
     for rod, X_PG in zip(rods, cell.grasps.values(), strict=True):
@@ -243,7 +243,7 @@ def test_grasps_away_from_the_payload_have_rods_and_hanging_arms_a_plate() -> No
     (plate,) = (item for item in items if item.node == "floor")
     assert 1.1 < plate.pose[2, 3] < 1.2  # above the base at 1.1 m
     flush = Scenario.load("adept-paper").cell
-    drawn = cell_scene(flush, (), tips=np.zeros((2, 3)), path=np.zeros((1, 3))).items
+    drawn = cell_scene(flush, (), tips=np.zeros((2, 3)), path=np.zeros((1, 3)), shown=np.ones((2, 3))).items
     assert [item.node for item in drawn if item.colour == "#7d858f"] == []
 
 
@@ -620,9 +620,12 @@ def test_a_payload_that_travels_is_followed_and_its_bases_are_in_view_at_the_ope
 
 
 @pytest.mark.gate
-def test_two_arms_of_one_robot_are_seen_from_the_front() -> None:
+def test_two_arms_of_one_robot_are_seen_from_the_front_and_whole() -> None:
     initial = initial_scene("baxter-box")
-    camera, tips = LiveScene(initial).scene.camera, initial.snapshot.tip_position
+    live = LiveScene(initial)
+    camera, tips = live.scene.camera, initial.snapshot.tip_position
+    (origins,) = live.frames.visuals.poses(initial.snapshot.configuration[None])[..., :3]
+    assert seen_from(camera._asdict(), np.concatenate((origins, tips))).max() < 1.0
     base = np.array(initial.cell.arms["left"].base.xyz)
     ahead = (tips.mean(axis=0) - base)[:2]
     towards = (camera.eye - camera.target)[:2]

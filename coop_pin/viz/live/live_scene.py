@@ -21,6 +21,7 @@ from coop_pin.model.visuals import CellVisuals
 from coop_pin.results.quantities import GROUPS
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Snapshot
+from coop_pin.viz.camera import link_points, longest_arrows
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import cell_curves, curve_rows
 from coop_pin.viz.frames import CellFrames, snapshot_samples
@@ -139,7 +140,9 @@ class LiveScene:
         limits = {"torque_limit": padded([JointLimits(arm, name).torque for name, arm in cell.arms.items()])}
         self.curves = cell_curves({**snapshot_samples(first, cell), **limits}, cell)
         self._desired_path, bodies = initial.desired_path, self.frames.visuals.bodies
-        self.scene = cell_scene(cell, bodies, partners, tips=first.tip_position, path=initial.desired_path)
+        tips, (links,) = first.tip_position, self.frames.visuals.poses(first.configuration[None])
+        shown = np.concatenate((link_points(bodies, links), longest_arrows(tips)))
+        self.scene = cell_scene(cell, bodies, partners, tips=tips, path=initial.desired_path, shown=shown)
 
     @property
     def push_normal(self) -> list[float] | None:

@@ -45,7 +45,8 @@ function coopPinLabels(pane, holder, viewer) {
       label.span.hidden = !isShown(label);
       Object.assign(label, { wide: label.span.offsetWidth || label.wide, tall: label.span.offsetHeight || label.tall });
     }
-    obstacles = BESIDE.filter((one) => one && one.offsetWidth).map((one) => [one.offsetLeft, one.offsetTop, one.offsetWidth, one.offsetHeight]);
+    const { left, top } = pane.getBoundingClientRect(); // a drawing has no offsetWidth
+    obstacles = BESIDE.filter((one) => one).map((one) => one.getBoundingClientRect()).map(({ x, y, width, height }) => [x - left, y - top, width, height]);
   }
   const isShown = (label) => label.shown(label === hovered || label.picked);
 

@@ -2,7 +2,7 @@
 // One clock for 3-D view, plots and tiles. A recorded run is played; of a run under way frames arrive at a WebSocket or from a notebook.
 (() => {
   const page = JSON.parse(document.getElementById("data").textContent), element = (id) => document.getElementById(id);
-  const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, STILL_MS = 300, PLAYED = 0.09, PAPER_WIDE = 703, PAPER_TALL = 363, MOST_FRAMES = 20000;
+  const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, STILL_MS = 300, PLAYED = 0.09, PAPER = [703, 363], PAPER_PANE = [340, 300], MOST_FRAMES = 20000;
   const [play, slider, clock, speed, notice, status] = ["play", "time", "clock", "speed", "event", "status"].map(element);
   const told = document.querySelectorAll(".told");
   const split = (flat, size) => Array.from({ length: flat.length / size }, (_, k) => flat.subarray(size * k, size * (k + 1)));
@@ -149,7 +149,7 @@
     const { clientWidth: width, clientHeight: height } = element("pane");
     if (!stage.viewer || !width) { return; }
     stage.viewer.render();
-    const share = Math.min(PAPER_WIDE / width, PAPER_TALL / height);
+    const [wide, tall] = document.body.classList.contains("pane") ? PAPER_PANE : PAPER, share = Math.min(wide / width, tall / height);
     for (const [name, value] of Object.entries({ wide: width, tall: height, share })) { element("view").style.setProperty(`--${name}`, value); }
     plots.unfold();
   });
