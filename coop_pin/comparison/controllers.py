@@ -8,6 +8,7 @@ import math
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control.gains import gain_vector
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.suggestion import suggest
-from coop_pin.feasibility import reachability
+from coop_pin.feasibility import Reachability, reachability
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.build_controller import build_controller
@@ -222,8 +223,26 @@ def t_lambda(scenario: Scenario) -> float:
 def _t_lambda(text: str) -> float:
     """Return T lambda along the motion of a scenario as JSON."""
     scenario = Scenario.model_validate_json(text)
-    reach = reachability(scenario, poses=_POSES)
+    reach = reach_of_any_law(scenario, _POSES)
     return motion_stability(Simulation(scenario, build_controller(scenario)), reach).value
+
+
+@dataclass(frozen=True)
+class _AnyLaw:
+    """A scenario, compared by all but its law."""
+
+    text: str
+    scenario: Scenario = field(compare=False)
+
+
+def reach_of_any_law(scenario: Scenario, poses: int = 401) -> Reachability:
+    """Return what ``reachability`` does, which knows no law, computed once for all gains of a search."""
+    return _reach(_AnyLaw(scenario.model_dump_json(exclude={"controller"}), scenario), poses)
+
+
+@functools.lru_cache(maxsize=8)
+def _reach(of: _AnyLaw, poses: int) -> Reachability:
+    return reachability(of.scenario, poses=poses)
 
 
 _TICKS = 100

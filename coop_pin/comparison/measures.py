@@ -8,10 +8,9 @@ import math
 import numpy as np
 
 from coop_pin.base.arrays import Array, rms
-from coop_pin.comparison.controllers import t_lambda
+from coop_pin.comparison.controllers import reach_of_any_law, t_lambda
 from coop_pin.comparison.trials import friction_changes
 from coop_pin.description.scenario import Scenario
-from coop_pin.feasibility import reachability
 from coop_pin.results.run_result import RunResult
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -78,7 +77,7 @@ def _payload_damping(text: str) -> float:
     """Return the smallest damping ratio of the payload's modes of a scenario as JSON."""
     scenario = Scenario.model_validate_json(text)
     simulation = Simulation(scenario, build_controller(scenario))
-    return loop_stability(simulation, reachability(scenario)).least_damped_payload.damping
+    return loop_stability(simulation, reach_of_any_law(scenario)).least_damped_payload.damping
 
 
 def _rms(values: Array) -> float:

@@ -93,7 +93,8 @@ class IKSolver:
         X_JE, X_JP = (arm.model.frames[frame_id(arm.model, name)].placement for name in ("tip", "payload"))
         self._X_PE = X_JP.actInv(X_JE)
         self._to_held = arm.to_held_rows
-        A = self._gap(pin.SE3.Identity(), self.limits.random_configurations(1)[0], _UNWEIGHTED)[1]
+        q = self.limits.random_configurations(1)[0]
+        A = self._jacobian(self._gap(pin.SE3.Identity(), q, _UNWEIGHTED)[1], _UNWEIGHTED)
         self.is_redundant = bool(np.linalg.matrix_rank(A, tol=_RANK_TOLERANCE) < self.model.nv)
 
     def tip_target(self, X_WP: Array) -> pin.SE3:
@@ -125,23 +126,26 @@ class IKSolver:
                 is minimised first.
             steps: largest number of steps.
         """
-        weights = np.repeat((1.0, angle_weight), 3)
+        weights = _UNWEIGHTED if angle_weight == 1.0 else np.repeat((1.0, angle_weight), 3)
         q = self.limits.clip(q) if limited else q
         damping = _FIRST_DAMPING
-        gap, A = self._gap(target, q, weights)
-        size = float(gap @ gap)
+        gap, X_EE_d = self._gap(target, q, weights)
+        size, is_new = float(gap @ gap), True
         for _ in range(steps):
             if size < _FINISHED**2 or damping > _MOST_DAMPING:
                 break
-            if limited:
-                A = np.where(self.limits.at_limit(q, A.T @ gap), 0.0, A)
+            if is_new:
+                A = self._jacobian(X_EE_d, weights)
+                if limited:
+                    A = np.where(self.limits.at_limit(q, A.T @ gap), 0.0, A)
             q_next = pin.integrate(self.model, q, _damped_step(A, gap, damping))
             q_next = self.limits.clip(q_next) if limited else q_next
-            gap_next, A_next = self._gap(target, q_next, weights)
+            gap_next, X_EE_d = self._gap(target, q_next, weights)
             size_next = float(gap_next @ gap_next)
-            if size_next < size:
+            is_new = size_next < size
+            if is_new:
                 stalled = size > CLOSED**2 and size - size_next < _STALLED * angle_weight**2 * size
-                q, gap, A, size = q_next, gap_next, A_next, size_next
+                q, gap, size = q_next, gap_next, size_next
                 damping = max(damping * 0.1, _LEAST_DAMPING)
                 if stalled:
                     break
@@ -238,7 +242,7 @@ class IKSolver:
 
     def _null_space_step(self, target: pin.SE3, q: Array, pull: Array, limited: bool) -> Array:
         """Return the null-space part of a pull, without the joints at a limit if limited, shape (nv,)."""
-        A = self._gap(target, q, _UNWEIGHTED)[1]
+        A = self._jacobian(self._gap(target, q, _UNWEIGHTED)[1], _UNWEIGHTED)
         stopped = np.zeros(len(pull), dtype=bool)
         while True:
             A_held, held = np.where(stopped, 0.0, A), np.where(stopped, 0.0, pull)
@@ -248,26 +252,35 @@ class IKSolver:
                 return step
             stopped |= further
 
-    def _gap(self, target: pin.SE3, q: Array, weights: Array) -> tuple[Array, Array]:
-        """Return the weighted gap [p, log R] of X_EE_d in tip axes and -d(gap)/dv, shapes (6,), (6, nv)."""
+    def _gap(self, target: pin.SE3, q: Array, weights: Array) -> tuple[Array, pin.SE3]:
+        """Return the weighted gap [p, log R] of X_EE_d in tip axes, shape (6,), and X_EE_d."""
         # Not computeFrameJacobian, which in local axes does not update the placements.
         pin.computeJointJacobians(self.model, self._data, q)
         X_EE_d = pin.updateFramePlacement(self.model, self._data, self._tip).actInv(target)
+        gap = np.empty(6)
+        gap[:3], gap[3:] = X_EE_d.translation, pin.log3(X_EE_d.rotation)
+        if self._to_held is not None:
+            gap = self._to_held @ gap
+        return gap if weights is _UNWEIGHTED else gap * weights, X_EE_d
+
+    def _jacobian(self, X_EE_d: pin.SE3, weights: Array) -> Array:
+        """Return A = -d(gap)/dv at the configuration of the last gap, shape (6, nv)."""
         J = jacobian_matrix(pin.getFrameJacobian(self.model, self._data, self._tip, pin.LOCAL))
-        gap = np.concatenate((X_EE_d.translation, pin.log3(X_EE_d.rotation)))
         A = np.empty_like(J)
         A[:3] = J[:3] - pin.skew(X_EE_d.translation) @ J[3:]
         A[3:] = pin.Jlog3(X_EE_d.rotation.T) @ J[3:]
         if self._to_held is not None:
-            gap, A = self._to_held @ gap, self._to_held @ A
-        return gap * weights, A * weights[:, None]
+            A = self._to_held @ A
+        return A if weights is _UNWEIGHTED else A * weights[:, None]
 
 
 def _damped_step(A: Array, gap: Array, damping: float) -> Array:
     """Return dq = A^T (A A^T + damping I)^-1 gap, scaled down to a largest entry."""
     gram = A @ A.T
-    gram.flat[:: len(gram) + 1] += damping
+    gram.reshape(-1)[:: len(gram) + 1] += damping
     _, solution, _ = dposv(gram, gap)
     step: Array = A.T @ solution
+    if step @ step <= _LONGEST_STEP**2:  # most are: faster than the largest entry
+        return step
     largest = float(np.abs(step).max())
     return step if largest <= _LONGEST_STEP else step * (_LONGEST_STEP / largest)

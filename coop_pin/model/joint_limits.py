@@ -61,6 +61,11 @@ class JointLimits:
         self.torque = _torque_limits(arm, model, name)
         is_wide = joints.revolute & (self.upper - self.lower >= _WHOLE_TURN - _ROUND_OFF)
         self.limited: Mask = ~(joints.continuous | is_wide)
+        self._least, self._most = np.full((2, model.nq), ((-np.inf,), (np.inf,)))
+        self._least[joints.entry] = np.where(self.limited, self.lower, -np.inf)
+        self._most[joints.entry] = np.where(self.limited, self.upper, np.inf)
+        self._at_least = self._least[joints.entry] + _AT_LIMIT
+        self._at_most = self._most[joints.entry] - _AT_LIMIT
 
     def violation(self, q: Array) -> Array:
         """Return by how much each joint exceeds its limits (signed; zero within), rad or m, shape (k,)."""
@@ -70,15 +75,13 @@ class JointLimits:
 
     def clip(self, q: Array) -> Array:
         """Return q with the limited joints clipped to their limits, shape (nq,)."""
-        clipped, entries = q.copy(), self.joints.entry[self.limited]
-        clipped[entries] = np.clip(q[entries], self.lower[self.limited], self.upper[self.limited])
-        return clipped
+        return np.minimum(np.maximum(q, self._least), self._most)
 
     def at_limit(self, q: Array, direction: Array) -> Mask:
         """Return which limited joints are at a limit that a direction of v would exceed, shape (k,)."""
-        positions = self.joints.of(q)
-        at_lower, at_upper = positions <= self.lower + _AT_LIMIT, positions >= self.upper - _AT_LIMIT
-        return self.limited & ((at_lower & (direction < 0.0)) | (at_upper & (direction > 0.0)))
+        entries = q[self.joints.entry]  # of a continuous joint its cosine, within no limits
+        at_lower, at_upper = entries <= self._at_least, entries >= self._at_most
+        return (at_lower & (direction < 0.0)) | (at_upper & (direction > 0.0))
 
     def wrap_near(self, q: Array, near: Array) -> Array:
         """Return the same pose with revolute joints wrapped into their limits, near another configuration.

@@ -44,9 +44,14 @@ TorqueLimits = Annotated[
 
 
 @functools.lru_cache(maxsize=64)
-def _robot(file: UrdfFile, *_version: int) -> Robot:
-    """Return the robot of a version of a file, which nobody may change."""
-    return Robot(load_checked(file))
+def _read(file: UrdfFile, parts: bool, *_version: int) -> Robot:
+    return Robot(load_checked(file, parts=parts))
+
+
+def _robot(file: UrdfFile, *, parts: bool = True) -> Robot:
+    """Return the robot of a file, read once a version, which nobody may change; parts as of load_checked."""
+    version = os.stat(file.path)  # noqa: PTH116
+    return _read(file, parts, version.st_mtime_ns, version.st_size)
 
 
 def _robot_of(fields: Mapping[str, Any]) -> Robot | None:
@@ -55,8 +60,7 @@ def _robot_of(fields: Mapping[str, Any]) -> Robot | None:
     if not all(name in fields for name in names):
         return None
     urdf, package_dirs, xacro_args = (fields[name] for name in names)
-    file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
-    return Robot(load_checked(file, parts=False))
+    return _robot(find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args), parts=False)
 
 
 class Arm(Description):
@@ -240,9 +244,7 @@ class Arm(Description):
     @property
     def robot(self) -> Robot:
         """Kinematics of its URDF with all joints, without Pinocchio; raises as ``file``."""
-        file = self.file
-        version = os.stat(file.path)  # noqa: PTH116
-        return _robot(file, version.st_mtime_ns, version.st_size)
+        return _robot(self.file)
 
     def moving_joints(self) -> tuple[str, ...]:
         """Return the names of its joints, in Pinocchio's order; raises as ``file``."""
