@@ -193,6 +193,7 @@ def new(
     distance: float | None = None,
     motion: Literal["line", "circle", "hold"] = "line",
     squeeze: float = 10.0,
+    clearance: float = 0.01,
     package_dirs: _Folders = (),
     xacro_args: _Assignments = (),
     srdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
@@ -215,6 +216,7 @@ def new(
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
         motion: motion of the payload: along a line, on a level circle, or none.
         squeeze: force of each arm towards the others, N.
+        clearance: distance that bodies which may not touch keep where they can, m; the cell states it.
         package_dirs: folders that are searched first for the packages of the robots.
         xacro_args: arguments of xacro files.
         srdf: SRDF file of one robot, whose groups name tips and whose states name postures.
@@ -245,6 +247,7 @@ def new(
             distance=distance,
             motion=motion,
             squeeze=squeeze,
+            clearance=clearance,
             package_dirs=package_dirs,
             xacro_args=_assignments(xacro_args),
             srdf=srdf,

@@ -1,7 +1,7 @@
 """Design: proposals for a cell: gains, postures and squeeze, a new cell of given arms, a planned carry.
 
 Open first: ``suggestion`` (rate, gains, postures and squeeze; ``tuning_rule`` computes the gains),
-``new_cell`` (a cell from the names of arms: ``named_arms``, ``contacts``; ``placement`` puts them),
+``new_cell`` (a cell from the names of arms: ``named_arms``; ``placing`` puts them),
 ``carry_plan`` (a carry along a line in least time).
 
 - Of a carry: ``carried_path`` (joint paths and torques), ``carry_limits`` (limits along it),

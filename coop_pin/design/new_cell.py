@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,17 +19,15 @@ from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.design.contacts import Layout, Shoulders, Side, contacts, faces_back
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot, named_arms
-from coop_pin.design.placement import ArmPlacement, Place, common_places
+from coop_pin.design.placing.contacts import Layout, Side, faces_back
+from coop_pin.design.placing.drafts import Draft, MotionName, placed_drafts, searches
 from coop_pin.design.suggestion import Suggestion, suggest
 from coop_pin.feasibility.motion_feasibility import joint_heights, require_rank
 from coop_pin.feasibility.reachability import reachability
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.stability.forecast import allowed_errors
 
-MotionName: TypeAlias = Literal["line", "circle", "hold"]
-"""Motion of the payload of a new cell."""
 _EDGES = {"box": (0.4, 0.3, 0.2), "bar": (0.8, 0.05, 0.05), "plate": (0.6, 0.4, 0.02)}
 """Edges of a new payload along x, y and z, m."""
 _POSES = 41
@@ -37,7 +35,6 @@ _PART, _UNITS = 0.5, ("m", "rad", "N", "N m")
 """Part of what the task allows from which on a motion is slowed, and units of errors."""
 _SIDES: tuple[Side, ...] = ("sides", "ahead", "above")
 """Sides of a payload from which one robot takes it, the first with a common workspace."""
-_WAYS = {"sides": "from the sides", "ahead": "beside it with tools ahead", "above": "from above"}
 _RATES = (1.0, 2.0, 4.0)
 """Multiples of the rate that are tried for each motion: spare joints of light arms ask for them."""
 _NEAREST = 0.05
@@ -57,6 +54,7 @@ def new_cell(
     distance: float | None = None,
     motion: MotionName = "line",
     squeeze: float = 10.0,
+    clearance: float = 0.01,
     package_dirs: Iterable[str] = (),
     xacro_args: Mapping[str, str] = MappingProxyType({}),
     srdf: str | Path | None = None,
@@ -68,9 +66,9 @@ def new_cell(
     The bases stand upright around the payload, on one ground. Each is where its arm has the largest margins
     of torque, joint range and condition number, at the start and a tenth of the least reach around it. The
     motion stays within that range; rate, gains, postures and steps are those of ``cp.suggest``. Arms that
-    move in a horizontal plane hold the payload in that plane. Joints stay above the ground where they can,
-    and it is told where not; other collisions are not considered. Arms of one robot keep their common base,
-    and joints that move several of them are locked.
+    move in a horizontal plane hold the payload in that plane. Joints stay above the ground, and arms, payload
+    and torso apart by the clearance, where they can, and it is told where not. Arms of one robot keep their
+    common base, and joints that move several of them are locked.
 
     Args:
         arms: two or more, or one robot with two: names of robots, URDF or xacro files, or arms, whose bases
@@ -88,6 +86,7 @@ def new_cell(
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
         motion: motion of the payload: along a line, on a level circle, or none.
         squeeze: force of each arm towards the others, N; 0 for none.
+        clearance: distance that bodies which may not touch keep where they can, m; the cell states it.
         package_dirs: folders that are searched first for the packages of robots.
         xacro_args: arguments of xacro files.
         srdf: SRDF file of one robot: its groups name tips, and its states postures.
@@ -128,11 +127,12 @@ def new_cell(
     if is_robot and faces_back([*named.values()]):
         named = dict(zip(named, reversed(named.values()), strict=True))
     shape: Layout = "one-base" if is_robot else layout
-    placing = _searches(named, held, grasp or "sides", shape)
-    is_planar = all(arm.is_planar for arm in placing)
+    is_planar = all(arm.is_planar for arm in searches(named, held, grasp or "sides", shape))
     rows: RowsName = "planar" if is_planar else "full"
+    grasps = dict.fromkeys(named, Pose())
+    cell = Cell(arms=named, payload=held, grasps=grasps, rows=rows, clearance=clearance)
     try:
-        require_rank(Cell(arms=named, payload=held, grasps=dict.fromkeys(named, Pose()), rows=rows))
+        require_rank(cell)
     except InfeasibleMotionError as error:
         command = "coop-pin run five-joint-pair --out five, then edit the arms of five/scenario.toml"
         advice = (
@@ -143,64 +143,26 @@ def new_cell(
     tell(f"places of the bases of {len(named)} arms")
     only_one = grasp is not None or is_planar or distance is not None
     sides = (grasp or "sides",) if only_one else _SIDES if is_robot else ("sides", "above")
-    side, height, stroke, places = _placed(named, held, shape, sides, distance)
-    by_arm = dict(zip(named, places, strict=True))
-    start = Pose(xyz=(0.0, 0.0, height))
-    robots = ", ".join(dict.fromkeys(Path(arm.urdf).stem for arm in named.values()))
-    draft = Scenario.draft(
-        name=name,
-        summary=f"{robots}: a payload of {held.mass:g} kg",
-        cell=Cell(
-            arms={
-                arm: named[arm].replace(base=arm_placement.base, posture=arm_placement.posture)
-                for arm, arm_placement in by_arm.items()
-            },
-            payload=held,
-            grasps={arm: arm_placement.grasp for arm, arm_placement in by_arm.items()},
-            rows=rows,
-        ),
-        controller={"force_path": {"kind": "late"}},
-        start=start,
-        motion={"kind": "hold", "pose": start},
-        squeeze={"kind": "tip-force", "force": squeeze},
-        duration=8.0,
-        clock={"rate_hz": 500.0, "steps_per_tick": 2},
-    )
+    drafts = placed_drafts(cell, shape, sides, distance, name=name, motion=motion, squeeze=squeeze)
     tell(f"gains and steps of the law of {len(named)} arms")
-    motions = calmer_motions(motion, start, stroke, 0.0 if is_planar else 0.6 * stroke)
-    suggested, calmed = feasible(draft, motions, _within_limits)
+    suggested, remarks = _proposed(drafts)
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
-    remarks = (
-        *filter(None, [shared, side, calmed]),
-        *(() if is_planar or is_robot else _below_ground(scenario)),
-    )
+    low = () if is_planar or is_robot else _below_ground(scenario)
+    remarks = (*filter(None, [shared, *remarks]), *low)
     return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *remarks))
 
 
-def _placed(
-    named: Mapping[str, Arm], held: Payload, layout: Layout, sides: Sequence[Side], distance: float | None
-) -> tuple[str, float, float, list[Place]]:
-    """Return a remark, and what ``common_places`` does of the first side with a common workspace."""
+def _proposed(drafts: Iterable[Draft]) -> tuple[Suggestion, tuple[str, ...]]:
+    """Return the proposal for the first draft that has one, and remarks; raises the error of the last one."""
     errors = list[InfeasibleMotionError]()
-    for side in sides:
+    for draft in drafts:
         try:
-            placed = common_places(_searches(named, held, side, layout), held, distance)
+            suggested, calmed = feasible(draft.scenario, draft.motions, _within_limits)
         except InfeasibleMotionError as error:
             errors.append(error)
         else:
-            remark = f"grasp: {_WAYS[side]}, because {_WAYS[sides[0]]} {errors[0].detail}" if errors else ""
-            return remark, *placed
-    raise errors[0]
-
-
-def _searches(named: Mapping[str, Arm], held: Payload, side: Side, layout: Layout) -> list[ArmPlacement]:
-    """Return the search for the place of each arm, with grasps from a side."""
-    shoulders = Shoulders.of(named.values()) if layout == "one-base" else None
-    around = contacts(held, len(named), side, layout)
-    return [
-        ArmPlacement(name, arm, contact, held.mass / len(named), shoulders)
-        for (name, arm), contact in zip(named.items(), around, strict=True)
-    ]
+            return suggested, (draft.remark, calmed)
+    raise errors[-1]
 
 
 def _within_limits(draft: Scenario) -> Suggestion:
@@ -251,32 +213,6 @@ def feasible(
         if errors[-1].cause in ("torque", "rank", "friction"):
             raise errors[-1]  # which no other motion changes
     raise errors[0]
-
-
-def calmer_motions(kind: MotionName, start: Pose, stroke: float, lift: float) -> dict[str, dict[str, Any]]:
-    """Return motions, each calmer than that before, with their names.
-
-    They go no farther than half of the stroke in x and y, and the lift in z.
-    """
-    rest = {"at rest": {"kind": "hold", "pose": start}}
-    if kind == "hold":
-        return rest
-    if kind == "circle":
-        circle = {"kind": kind, "pose": start, "angular_rate": 2.0, "start_time": 0.5}
-        parts = {"as asked for": 0.25, "on a circle of half the size": 0.125}
-        return {name: circle | {"radius": round(part * stroke, 4)} for name, part in parts.items()} | rest
-    x, y, z = start.xyz
-    common, lines = {"kind": kind, "start": start, "start_time": 0.5, "duration": 3.0}, {}
-    for name, part, turn in (
-        ("as asked for", 1.0, 0.15),
-        ("without a turn", 1.0, 0.0),
-        ("half as far, without a turn", 0.5, 0.0),
-        ("a quarter as far, without a turn", 0.25, 0.0),
-    ):
-        way = 0.5 * part * stroke
-        goal = Pose(xyz=(x + way, y + way, round(z + part * lift, 4)), rpy=(0.0, 0.0, turn))
-        lines[name] = common | {"goal": goal}
-    return lines | rest
 
 
 def _below_ground(scenario: Scenario) -> Iterator[str]:

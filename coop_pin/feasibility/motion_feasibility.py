@@ -23,7 +23,7 @@ from coop_pin.base.spatial.task_rows import joint_shortage
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.cell_distances import CellDistances
-from coop_pin.feasibility.distances import measured
+from coop_pin.feasibility.distances import Distances, measured
 from coop_pin.feasibility.reachability import ArmReach, Reachability, reachability
 from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.grasps.cell_chain import CellChain
@@ -42,6 +42,8 @@ _POSES = 41
 """Largest number of poses on each branch."""
 _NARROW, _OPENED = 0.1, 0.05
 """Part of a joint's range below which turns of the grasp are tried, and what they must open."""
+_APART = "move a base or turn a grasp, or take a smaller payload"
+"""What may keep bodies apart that postures do not."""
 _ROLLS = (np.pi, np.pi / 2.0, -np.pi / 2.0)
 """Turns of a grasp about its own z axis, rad."""
 
@@ -234,6 +236,10 @@ def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[
             _require_reach(reach)
         scenario = best or scenario
         reaches |= {each.arm: each for each in reachability(scenario, poses=count, arms=[name]).arms}
+    along = bodies.along(scenario)
+    if along is not None and not along.ok:
+        kept = f"no postures were seen that keep the clearance of {1e3 * along.clearance:g} mm"
+        turned.append(f"distance: {kept}: {along.below[0]}; {_APART}")
     return scenario, tuple(turned)
 
 
@@ -248,14 +254,15 @@ class _Bodies(NamedTuple):
     distances: CellDistances
     reaches: dict[str, ArmReach]
 
-    def keep(self, scenario: Scenario, model: CellArm, reach: ArmReach) -> bool:
-        """Return whether they keep the clearance with an arm on another branch; True without all reaches."""
-        reaches = list((self.reaches | {model.name: reach}).values())
+    def along(self, scenario: Scenario, *changed: ArmReach) -> Distances | None:
+        """Return the distances with some arms on another branch; None if some do not reach all poses."""
+        reaches = list((self.reaches | {reach.arm: reach for reach in changed}).values())
         if len({len(each.q) for each in reaches}) > 1:
-            return True
-        poses = [model.payload_pose(q) for q in reach.q]
+            return None
+        first = CellArm(scenario.cell, reaches[0].arm)
+        poses = [first.payload_pose(q) for q in reaches[0].q]
         arms = [list(q) for q in zip(*(each.q for each in reaches), strict=True)]
-        return measured(scenario, self.distances, reach.times, arms, poses).ok
+        return measured(scenario, self.distances, reaches[0].times, arms, poses)
 
 
 def _best_posture(
@@ -275,7 +282,8 @@ def _best_posture(
             reach = reachability(tried, poses=poses, arms=[name])
             (margin,) = posture_margins(tried, reach, statics_along(tried, reach))
             is_above = min(joint_heights(model, q, arm.base.matrix).values()) >= 0.0
-            is_clear = is_above, bodies.keep(tried, model, reach.arms[0])
+            along = bodies.along(tried, reach.arms[0])
+            is_clear = is_above, along is None or along.ok
             if best is None or (is_clear, margin.least) > (best_is_clear, largest.least):
                 best, largest, best_is_clear = tried, margin, is_clear
     return best, largest

@@ -43,14 +43,19 @@ class TableForce(NamedTuple):
     time: float
 
     @property
+    def allowed(self) -> float:
+        """Largest force that is allowed, 4/3 of the weight, N."""
+        return _MOST * self.weight
+
+    @property
     def use(self) -> float:
-        """Force as a part of what is allowed, 4/3 of the weight."""
-        return self.force / (_MOST * self.weight)
+        """Force without the impact as a part of what is allowed."""
+        return self.force / self.allowed
 
     @property
     def ok(self) -> bool:
         """Whether neither force nor impact are more than that."""
-        return max(self.force, self.impact) <= _MOST * self.weight
+        return max(self.force, self.impact) <= self.allowed
 
     def summary(self) -> str:
         """Return the forces as one line."""

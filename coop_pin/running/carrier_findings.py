@@ -14,6 +14,8 @@ from coop_pin.results.finding import Finding, Kind
 
 _ASIDE = math.radians(60.0)
 """Angle between the heading of a base and its way, from which on the base turns first."""
+_CALM = 0.25
+"""Proposed gain of a servo, 1/s, times the period of a tick."""
 
 
 def carrier_findings(scenario: Scenario) -> Iterator[Finding]:
@@ -24,20 +26,25 @@ def carrier_findings(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _servo_findings(scenario: Scenario) -> Iterator[Finding]:
-    """Yield servos that are too fast for the ticks: u[k+1] = A u[k] - b K u[k], of unit inertia."""
-    T, servos = scenario.clock.period, list[tuple[Kind, str, str, float, float]]()
+    """Yield servos that are too fast for the ticks: u[k+1] = A u[k] - b K u[k], of unit inertia.
+
+    With K = (s, d) they decay for T d < 2 and T s < 2 d; the remedy has T s <= d and T d <= 1/2.
+    """
+    T, servos = scenario.clock.period, list[tuple[Kind, str, str, float, float, dict[str, float]]]()
     for name, joint in scenario.cell.shared_joints.items():
-        w, field = joint.bandwidth, f"cell.shared_joints.{name}"
-        servos.append(("shared joint", field, repr(name), w * w, 2.0 * joint.damping_ratio * w))
+        w, zeta, field = joint.bandwidth, joint.damping_ratio, f"cell.shared_joints.{name}"
+        calm = {f"{field}.bandwidth": min(_CALM, _CALM / zeta, 2.0 * zeta) / T}
+        servos.append(("shared joint", field, repr(name), w * w, 2.0 * zeta * w, calm))
     for name, base in scenario.cell.wheels.items():
         w, k, field = base.bandwidth, base.position_gain, f"cell.arms.{name}.mobile_base"
-        servos.append(("rolling base", field, f"the base of {name!r}", w * k, w + k))
-    for kind, field, name, stiffness, damping in servos:
+        gains = {"bandwidth": w, "position_gain": k}
+        calm = {f"{field}.{gain}": _CALM / T for gain, value in gains.items() if value * T > _CALM}
+        servos.append(("rolling base", field, f"the base of {name!r}", w * k, w + k, calm))
+    for kind, field, name, stiffness, damping, remedy in servos:
         A, b = np.array([[1.0, T], [0.0, 1.0]]), np.array([[T * T / 2.0], [T]])
         radius = np.abs(np.linalg.eigvals(A - b @ [[stiffness, damping]])).max()
         if radius > 1.0:
             sentence = f"the servo of {name} is unstable at {1.0 / T:g} Hz: spectral radius {radius:.3g}"
-            remedy = {f"{field}.bandwidth": 0.25 / T}
             yield Finding(kind, field, "error", sentence, float(radius), 1.0, remedy)
 
 

@@ -177,7 +177,8 @@ def force_findings(scenario: Scenario, table_error: float) -> Iterator[Finding]:
     if (least := least_squeeze(scenario)) is not None:
         yield _of("friction", least.arm, least, least.stated, least.force)
     if (pressed := table_force(scenario, table_error=table_error)) is not None:
-        yield _of("table force", pressed.table, pressed, pressed.use, 1.0)
+        largest = max(pressed.force, pressed.impact)
+        yield _of("table force", pressed.table, pressed, largest, pressed.allowed)
     for gap in regrasp_gaps(scenario):
         field = f"events.{scenario.events.index(gap.event)}.tolerance"
         yield _of("take-hold", field, gap, gap.use, 1.0)

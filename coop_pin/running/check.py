@@ -210,7 +210,8 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
             yield _scaled(scenario, MARGIN * finding.limit / finding.value)
     elif finding.kind == "table force":
         gain = np.array(gains.sliding_gain)
-        yield from ({"controller.gains.sliding_gain": (part * gain).tolist()} for part in (0.9, 0.75, 0.5))
+        parts = (finding.limit / finding.value / _ABOVE, 0.5, 0.25)
+        yield from ({"controller.gains.sliding_gain": (part * gain).tolist()} for part in parts)
     elif finding.kind == "take-hold":
         event = scenario.events[int(finding.place.split(".")[1])]
         part = math.ceil(_WIDER * finding.value)
@@ -225,8 +226,9 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
 
 
 def _calmer(scenario: Scenario, finding: Finding) -> Iterator[dict[str, Any]]:
-    """Yield stiffer springs of spare joints, where the finding is about them, and higher rates."""
+    """Yield stiffer springs of spare joints, where it is about them, calmer admittances, and higher rates."""
     rate, spring = scenario.clock.rate_hz, scenario.controller.spare_spring
+    gains: Any = getattr(scenario.controller, "gains", None)
     posture: Any = getattr(scenario.controller, "posture", None)
     if finding.kind == "sampled damping" and scenario.cell.jointed and np.ndim(posture.damping) == 0:
         part = _HALF * finding.limit / finding.value  # joints that a grasp makes spare move the wrist alone
@@ -237,6 +239,10 @@ def _calmer(scenario: Scenario, finding: Finding) -> Iterator[dict[str, Any]]:
             node = getattr(node, field)
         if np.ndim(node) == 0:
             yield from ({spring: factor * float(node)} for factor in (2.0, 4.0, 8.0))
+    if finding.kind == "closed loop" and hasattr(gains, "admittance_damping"):
+        for gain, factors in (("admittance_damping", (16.0, 256.0)), ("pose_gain", (0.25, 0.06))):
+            stated = np.array(getattr(gains, gain))
+            yield from ({f"controller.gains.{gain}": (factor * stated).tolist()} for factor in factors)
     if finding.kind == "sampled damping" and math.isfinite(finding.value):
         yield {"clock.rate_hz": float(math.ceil(_ABOVE * rate * finding.value / finding.limit))}
     yield from ({"clock.rate_hz": factor * rate} for factor in (2.0, 4.0))

@@ -22,9 +22,9 @@ from coop_pin.base.errors import (
 from coop_pin.cli import main
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.design.contacts import contacts
 from coop_pin.design.new_cell import _below_ground
-from coop_pin.feasibility import maximum_reach
+from coop_pin.design.placing.contacts import contacts
+from coop_pin.feasibility import distances, maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights
 from coop_pin.running.plausibility import implausible_numbers
 
@@ -84,6 +84,7 @@ def test_the_arms_stand_around_the_payload_within_their_reach(made):
         model = cp.model.ArmModel(arm)
         assert name == "planar" or min(joint_heights(model, model.posture(arm.posture)).values()) > 0.0
     assert not implausible_numbers(suggestion.scenario)
+    assert distances(suggestion.scenario, poses=11).nearest.distance > cell.clearance == 0.01
     assert height >= (0.0 if name == "planar" else half[2] + 0.05 - 0.005)  # rounded to centimetres
     bases = np.array([arm.base.xyz for arm in cell.arms.values()])
     gaps = np.linalg.norm(bases[:, None] - bases, axis=-1)[np.triu_indices(len(bases), 1)]
@@ -194,7 +195,7 @@ def test_help_lists_the_options(capsys):
         main(["new", "--help"])
     told = capsys.readouterr().out
     options = ("arms", "payload", "mass", "size", "grasp", "layout", "tips", "distance")
-    options += ("motion", "squeeze", "xacro-args", "package-dirs")
+    options += ("motion", "squeeze", "clearance", "xacro-args", "package-dirs")
     assert [option for option in options if f"--{option}" not in told] == []
 
 

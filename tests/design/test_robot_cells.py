@@ -12,10 +12,12 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, InfeasibleMotionError, UrdfError
 from coop_pin.description.urdf import find_urdf, load_checked
-from coop_pin.design.contacts import Shoulders, contacts
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot
-from coop_pin.design.new_cell import calmer_motions, feasible
-from coop_pin.design.placement import ArmPlacement
+from coop_pin.design.new_cell import feasible
+from coop_pin.design.placing.contacts import Shoulders, contacts
+from coop_pin.design.placing.drafts import calmer_motions, placed_drafts
+from coop_pin.design.placing.placement import ArmPlacement
+from coop_pin.feasibility import distances
 
 SRDF = """<robot name="spatial">
   <group name="left_arm"><chain base_link="torso" tip_link="ltip"/></group>
@@ -76,6 +78,60 @@ def test_the_payload_stands_before_the_middle_of_the_shoulders(left, right, forw
     middle = (places[0] + places[1])[:3, 3] / 2
     assert_allclose(middle[:2], (0.0, -0.5), rtol=0, atol=2e-3)  # places are rounded to millimetres
     assert places[0][0, 3] < -0.1 < 0.1 < places[1][0, 3]
+
+
+def deep_torso(tmp_path):
+    """The robot of ``two_armed`` with balls on its links and a torso that reaches 0.25 m ahead."""
+    file = two_armed(tmp_path, (0.0, 0.3), (0.0, -0.3), 0.5)
+    shape = "<collision>{}<geometry>{}</geometry></collision>"
+    torso = shape.format('<origin xyz="0 0 0.3"/>', '<box size="0.5 0.4 1.2"/>')
+    text = file.read_text().replace('<link name="root"/>', f'<link name="root">{torso}</link>')
+    ball = shape.format("", '<sphere radius="0.03"/>')
+    file.write_text(text.replace("</inertial>", f"</inertial>{ball}"))
+    return str(file)
+
+
+@pytest.mark.gate
+def test_a_new_cell_keeps_the_clearance_where_its_largest_margins_do_not(tmp_path):
+    """The best place for the joints is 5 mm before the torso; nothing else is stated."""
+    robot = deep_torso(tmp_path)
+    arms, _ = arms_of_robot(robot, (), RobotFiles((), {}))
+    held, grasps = cp.Payload.box(1.0, (0.4, 0.3, 0.2)), dict.fromkeys(arms, cp.Pose())
+    options = {"name": "deep", "motion": "line", "squeeze": 10.0}
+
+    def first(clearance):
+        cell = cp.Cell(arms=arms, payload=held, grasps=grasps, clearance=clearance)
+        return next(placed_drafts(cell, "one-base", ("sides",), None, **options))
+
+    near, clear = first(0.0), first(0.01)
+    assert near.gap == pytest.approx(0.405 - 0.25 - 0.15, abs=1e-6)
+    assert clear.gap > 0.01
+    assert clear.scenario.cell.arms["left"].base.xyz[1] < near.scenario.cell.arms["left"].base.xyz[1]
+    suggested = cp.new_cell([robot], mass=1.0)
+    assert suggested.scenario.cell.clearance == 0.01
+    found = distances(suggested.scenario)
+    assert found.ok
+    assert found.nearest.distance > 0.01
+    assert not [line for line in suggested.changes if line.startswith("distance")]
+
+
+@pytest.mark.gate
+def test_a_new_cell_tells_that_no_place_keeps_the_clearance_and_both_remedies_work(tmp_path):
+    robot = deep_torso(tmp_path)
+    into, moved, smaller = (
+        cp.new_cell([robot], mass=1.0, **options)
+        for options in ({"distance": 0.35}, {"distance": 0.55}, {"distance": 0.35, "size": (0.4, 0.1, 0.2)})
+    )
+    (line,) = [line for line in into.changes if line.startswith("distance")]
+    assert "clearance of 10 mm" in line
+    assert "left/root and payload -50.0 mm apart" in line
+    assert "move a base" in line
+    assert "smaller payload" in line
+    (finding,) = [each for each in into.findings() if each.kind == "distance"]
+    assert (finding.severity, finding.value) == ("warning", pytest.approx(-0.05, abs=1e-6))
+    for remedied in (moved, smaller):
+        assert not [line for line in remedied.changes if line.startswith("distance")]
+        assert distances(remedied.scenario, poses=21).ok
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ from coop_pin.base.errors import FieldError, ScenarioError, UrdfError
 from coop_pin.base.spatial import make_pose
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.design.contacts import Shoulders, contacts
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot
+from coop_pin.design.placing.contacts import Shoulders, contacts
 from coop_pin.model.visuals import CellVisuals
 
 ANGLES = np.array((0.3, -1.2, 1.6, -1.0, -1.4, 0.2))

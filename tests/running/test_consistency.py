@@ -4,17 +4,28 @@ import numpy as np
 import pytest
 from compliant_cells import with_grasps
 from forecast_cells import KINDS, drawn
+from law_cells import servo_cell
+from linked_cells import linked
 
 import coop_pin as cp
+from coop_pin.comparison.controllers import controller_names, controllers_for
+from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.running.check import run_findings
 
 QUICK = ("adept-anchored", "adept-compliant", "adept-paper", "panda-ur5-bar", "two-ur5-admittance")
-LAWS = ("object-impedance", "computed-torque", "adaptive", "leader-follower", "mean-pose", "sliding-mode")
-FIELDS = (
-    *(f"controller.gains.{gain}_gain" for gain in ("pose", "sliding", "sign", "anchor", "damping", "force")),
-    *("controller.gains.admittance_damping", "controller.posture.stiffness", "controller.posture.damping"),
-    *("controller.anchor_bias", "clock.rate_hz", "cell.payload.mass", "squeeze.force"),
+COMPARED = (
+    "adept-anchored",
+    "five-joint-pair",
+    "kinova-pair",
+    "panda-ur5-bar",
+    "three-ur5-plate",
+    "two-pandas-box",
 )
+FIELDS = (
+    *("controller.posture.stiffness", "controller.posture.damping", "controller.anchor_bias"),
+    *("clock.rate_hz", "cell.payload.mass", "squeeze.force"),
+)
+"""Fields that are changed, besides every gain of the law."""
 UNSTABLE = {
     *("plant steps", "sampled damping", "loop stability"),
     *("grasp stability", "admittance stability", "closed loop"),
@@ -29,27 +40,64 @@ def value_of(scenario, path):
     return scenario
 
 
+def is_number(value):
+    """Whether a value is a number, or a list of numbers."""
+    return not isinstance(value, bool | str) and np.ndim(value) < 2 and np.array(value).dtype.kind in "if"
+
+
 def quick_cell(rng):
     """A cell of the catalogue that runs in a second or two, without its events."""
     return cp.Scenario.load(str(rng.choice(QUICK))).replace(events=())
 
 
 def any_cell(rng, folder):
-    """A cell of the catalogue with or without its events, one under another law, or one of foreign arms."""
-    source = rng.choice(["catalogue", "law", "foreign"], p=[0.6, 0.2, 0.2])
-    if source == "foreign":
-        cell = drawn(folder, int(rng.integers(1000)), str(rng.choice(KINDS)), int(rng.integers(40)))
-        return cp.suggest(cell, poses=11).scenario
-    scenario = cp.Scenario.load(str(rng.choice(cp.scenario_names())))
-    scenario = scenario if rng.random() < 0.5 else scenario.replace(events=())
-    if source == "law":
-        law = {"kind": str(rng.choice(LAWS)), "force_path": {"kind": "late"}}
-        fields = scenario.model_dump(exclude_unset=True) | {"controller": law}
-        scenario = cp.suggest(cp.Scenario.draft(**fields), poses=11).scenario
-    if rng.random() < 0.2 and not scenario.cell.unclosed:
+    """A cell of one of the sources, some on springs."""
+    draw = {
+        "catalogue": of_catalogue,
+        "law": under_a_law,
+        "foreign": foreign,
+        "links": linked_cell,
+        "servos": on_servos,
+    }
+    scenario = draw[str(rng.choice([*draw], p=[0.4, 0.2, 0.2, 0.1, 0.1]))](rng, folder)
+    if rng.random() < 0.2 and not (scenario.cell.unclosed or scenario.cell.jointed or scenario.has_servos):
         k = 5e3 * 60.0 ** rng.random()
         scenario = with_grasps(scenario, (k, k, k, k / 50.0, k / 50.0, k / 50.0), damping_ratio=0.5)
     return scenario
+
+
+def of_catalogue(rng, _):
+    """A cell of the catalogue with or without its events."""
+    scenario = cp.Scenario.load(str(rng.choice(cp.scenario_names())))
+    return scenario if rng.random() < 0.5 else scenario.replace(events=())
+
+
+def under_a_law(rng, _):
+    """A cell of the comparison under one of its laws, with its tuned gains."""
+    scenario = benchmark_scenario(cp.Scenario.load(str(rng.choice(COMPARED))))
+    name = str(rng.choice(controller_names()))
+    return scenario.override({"controller": controllers_for(scenario, [name])[name]})
+
+
+def foreign(rng, folder):
+    """A cell of foreign arms as it is suggested, on rigid grasps, springs or patches."""
+    cell = drawn(folder, int(rng.integers(1000)), str(rng.choice(KINDS)), int(rng.integers(40)))
+    return cp.suggest(cell, poses=11).scenario
+
+
+def linked_cell(rng, _):
+    """A door, a box with a lid, a table or a beam, as suggested."""
+    name = str(rng.choice(("adept-anchored", "two-pandas-box")))
+    return cp.suggest(linked(name, str(rng.choice(("door", "lid", "table", "beam")))), poses=11).scenario
+
+
+def on_servos(rng, _):
+    """An admittance on servos for velocities or positions, which follows a mean or a leader."""
+    name, kind = str(rng.choice(("planar", "spatial"))), str(rng.choice(("velocity", "position")))
+    follows = str(rng.choice(("mean", "leader")))
+    return servo_cell(
+        name, kind, duration=6.0, **{"controller.follows": follows} if rng.random() < 0.5 else {}
+    )
 
 
 def changed_cell(rng, base):
@@ -57,8 +105,13 @@ def changed_cell(rng, base):
     while True:
         try:
             scenario = base(rng)
-            stated = {path: value_of(scenario, path) for path in FIELDS}
-            fields = [path for path, value in stated.items() if value is not None and np.ndim(value) < 2]
+            gains = getattr(scenario.controller, "gains", None)
+            paths = (
+                *FIELDS,
+                *(f"controller.gains.{gain}" for gain in getattr(type(gains), "model_fields", ())),
+            )
+            stated = {path: value_of(scenario, path) for path in paths}
+            fields = [path for path, value in stated.items() if is_number(value)]
             changes = {
                 str(path): (3.0 ** rng.uniform(-1.0, 1.0) * np.array(stated[path])).tolist()
                 for path in rng.permutation(fields)[: rng.integers(0, 3)]

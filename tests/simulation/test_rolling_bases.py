@@ -439,8 +439,10 @@ def test_wheels_that_turn_too_fast_or_would_slide_are_told():
     assert finding.limit == 0.6
 
 
-def test_a_servo_that_is_too_fast_is_told_and_its_remedy_works():
-    scenario = led(alone_on_wheels("planar", bandwidth=1200.0), 0.3, 0.0)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("fast", [{"bandwidth": 1200.0}, {"position_gain": 3000.0}])
+def test_a_servo_that_is_too_fast_is_told_and_its_remedy_works(name, fast):
+    scenario = led(alone_on_wheels(name, **fast), 0.3, 0.0)
     (finding,) = findings_of(scenario)
     assert finding.severity == "error"
     assert findings_of(scenario.override(finding.remedy)) == []

@@ -261,6 +261,27 @@ def test_a_lift_that_is_told_disturbs_nothing_and_the_books_balance(tmp_path):
     assert_allclose(data.shared_force.values[-1, 0], weight - 9.81 * 40.0, rtol=0, atol=1e-3)
 
 
+@pytest.mark.parametrize(("w", "zeta"), [(1500.0, 0.8), (200.0, 8.0), (1500.0, 0.1)])
+@pytest.mark.parametrize("name", CELLS)
+def test_a_servo_too_fast_for_the_ticks_is_told_and_its_remedy_decays(name, w, zeta, tmp_path):
+    """By a joint of unit inertia, tick by tick."""
+    scenario = carry(cell_of(name, tmp_path, bandwidth=w, damping_ratio=zeta))
+    findings, cured = [*carrier_findings(scenario)], scenario
+    assert {finding.severity for finding in findings} == {"error"}
+    assert len(findings) == len(scenario.cell.shared_joints)
+    for finding in findings:
+        cured = cured.override(finding.remedy)
+    assert not [*carrier_findings(cured)]
+    T = scenario.clock.period
+    for joints, decays in ((scenario.cell.shared_joints, False), (cured.cell.shared_joints, True)):
+        for joint in joints.values():
+            q, v = 1.0, 0.0
+            for _ in range(4000):
+                a = -(joint.bandwidth**2) * q - 2.0 * joint.damping_ratio * joint.bandwidth * v
+                q, v = q + T * v + T * T * a / 2.0, v + T * a
+            assert (abs(q) < 0.1) == decays
+
+
 def test_an_untold_lift_takes_the_payload_with_it_unseen_and_the_finding_names_the_cure(tmp_path):
     slow = Stroke(distance=0.03, duration=1.0, start_time=0.25)
     cell = spatial_cell(tmp_path, lift=SharedJoint(follow=slow), yaw=SharedJoint())

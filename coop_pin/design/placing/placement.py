@@ -16,7 +16,7 @@ from coop_pin.base.spatial import exp3, inverse_pose, task_rows
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.payload import Payload
-from coop_pin.design.contacts import Contact, Shoulders
+from coop_pin.design.placing.contacts import Contact, Shoulders
 from coop_pin.feasibility.cell_summary import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights, position_margin
 from coop_pin.model.arm_model import ArmModel
@@ -61,6 +61,25 @@ class Place(NamedTuple):
     base: Pose
     grasp: Pose
     posture: tuple[float, ...]
+
+
+class Workspace(NamedTuple):
+    """Pose of the payload that all arms can hold, and move by a stroke.
+
+    Attributes:
+        height: height of the payload's centre, m.
+        stroke: distance around it, m.
+        places: place of each arm.
+    """
+
+    height: float
+    stroke: float
+    places: list[Place]
+
+    @property
+    def margin(self) -> float:
+        """The least margin of the arms."""
+        return min(arm.margin for arm in self.places)
 
 
 class ArmPlacement:
@@ -225,11 +244,11 @@ _Tried: TypeAlias = tuple[float, list[Place | None]]
 
 def common_places(
     arms: Sequence[ArmPlacement], payload: Payload, distance: float | None
-) -> tuple[float, float, list[Place]]:
-    """Return height of the payload, stroke, and the place of each arm: those with the largest least margin.
+) -> Iterator[Workspace]:
+    """Yield common workspaces, one for each height and each distance of a robot, the largest margins first.
 
-    The payload of one robot is looked for straight before its root, and if there is none before the middle of
-    its shoulders, at heights about theirs.
+    The payload of one robot is looked for straight before its root, and then before the middle of its
+    shoulders, at heights about theirs.
 
     Args:
         arms: the searches.
@@ -251,7 +270,7 @@ def common_places(
     ground = payload.size[2] / 2.0 + _OFF_GROUND
     stroke, shoulders = round(_STROKE * least, 2), arms[0].shoulders
     origins = [None] if shoulders is None else [shoulders.root, shoulders]
-    tried, common = list[_Tried](), list[tuple[float, list[Place]]]()
+    tried, has_one = list[_Tried](), False
     for origin in origins:
         above = 0.0 if origin is None else origin.middle[2] - origin.floor
         parts = _SHOULDER_HEIGHTS if origin is shoulders and above else _HEIGHTS
@@ -259,22 +278,15 @@ def common_places(
         if all(arm.is_planar for arm in arms):
             heights = [arms[0].plane]
         sets = [[distance]] if distance else [[]] if origin is None else [[one] for one in shortest.distances]
-        new = [
-            (height, _places(arms, height, stroke, some, origin))
-            for height, some in itertools.product(heights, sets)
-        ]
-        tried += new
-        common = [
-            (height, [placement for placement in places if placement is not None])
-            for height, places in new
-            if None not in places
-        ]
-        if common:
-            break
-    if not common:
+        common = list[Workspace]()
+        for height, some in itertools.product(heights, sets):
+            tried.append((height, places := _places(arms, height, stroke, some, origin)))
+            if None not in places:
+                common.append(Workspace(height, stroke, [arm for arm in places if arm is not None]))
+        has_one = has_one or bool(common)
+        yield from sorted(common, key=lambda workspace: -workspace.margin)
+    if not has_one:
         raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
-    height, places = max(common, key=lambda entry: min(placement.margin for placement in entry[1]))
-    return height, stroke, places
 
 
 def _places(
