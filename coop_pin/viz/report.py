@@ -158,8 +158,8 @@ def report_html(result: RunResult) -> str:
         ),
         metrics="\n".join(
             f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
-            f'<td class="number">{html.escape(row.value).replace(" ", "&nbsp;")}</td>'
-            f'<td class="number window">{html.escape(row.window)}</td>'
+            f'<td class="number">{_unbroken(row.value)}</td>'
+            f'<td class="number window">{_unbroken(row.window)}</td>'
             f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
             for row in metrics_table(result)
         ),
@@ -191,6 +191,11 @@ def save_report(result: RunResult, path: str | Path) -> None:
         path: the file, for example "report.html".
     """
     save_page(report_html(result), path)
+
+
+def _unbroken(text: str) -> str:
+    """Return numbers with units as HTML whose lines break behind commas only."""
+    return html.escape(text).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
 
 
 def _verdict(result: RunResult) -> str:
