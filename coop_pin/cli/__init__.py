@@ -31,6 +31,7 @@ from typing import Any
 from coop_pin import __version__
 from coop_pin.base.user_files import printable
 from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK, OUTPUT_CLOSED
+from coop_pin.cli.terminal import print_error
 
 _REPEAT_S = 0.05
 """Time after which a dropped Ctrl-C is sent once more, s."""
@@ -119,5 +120,5 @@ def _format_warning(message: Warning | str, *_details: object, **_more: object) 
 
 
 def _report(message: str, code: int) -> int:
-    print(f"coop-pin: {printable(message)}", file=sys.stderr)
+    print_error(f"coop-pin: {printable(message)}")
     return code

@@ -138,9 +138,12 @@ def _value(path: str, words: Sequence[str]) -> Any:
         return True
     if not words:
         raise FieldError("has no value; write it after the field", path)
-    if words[0].startswith("{") and isinstance(literal(words[0]), str):
-        expected = f"a table in TOML, {{name = value}}; or write --{path}.NAME VALUE"
-        raise FieldError(f"is {words[0]!r}; it must be {expected}", path)
+    forms = {
+        "{": f"a table in TOML, {{name = value}}; or write --{path}.NAME VALUE",
+        "[": "a list in TOML, [{name = value}]",
+    }
+    if (form := forms.get(words[0][:1])) and isinstance(literal(words[0]), str):
+        raise FieldError(f"is {words[0]!r}; it must be {form}", path)
     return literal(words[0]) if len(words) == 1 else [literal(word) for word in words]
 
 

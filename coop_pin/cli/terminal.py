@@ -22,14 +22,25 @@ def columns() -> int:
 
 def print_wrapped(*texts: object, sep: str = " ") -> None:
     """Print texts with long lines wrapped at spaces, further indented; commands to copy stay whole words."""
-    width = columns()
-    for line in sep.join(map(str, texts)).splitlines():
+    print(*_wrapped(sep.join(map(str, texts))), sep="\n")
+
+
+def print_error(text: str) -> None:
+    """Print a text to standard error: wrapped on a terminal, its own lines elsewhere, as in a log."""
+    lines = _wrapped(text) if sys.stderr.isatty() else [text]
+    print(*lines, sep="\n", file=sys.stderr)
+
+
+def _wrapped(text: str) -> list[str]:
+    width, lines = columns(), list[str]()
+    for line in text.splitlines():
         stem = len(line) - len(line.lstrip(" │├└─"))  # of a tree, whose lines go on below
         indent = line[:stem].replace("├─", "│ ").replace("└─", "  ") + " " * 4
         parts = textwrap.wrap(
             line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
         )
-        print(*(parts or [""]), sep="\n")
+        lines += parts or [""]
+    return lines
 
 
 class Working:

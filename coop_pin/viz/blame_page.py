@@ -43,7 +43,6 @@ def blame_html(answer: Blame) -> str:
         text=html.escape(answer.summary()),
         views=figure_image(views_figure(answer), "views of the arms over time"),
         replay=_replay(answer),
-        inside=web_file("inside.js"),
         desired="" if len(answer.record.desired_time) else _NO_DESIRED,
         motion="" if answer.excitation is None else html.escape(answer.excitation.to_toml()),
         estimates="\n".join([*map(_rows, fits), _other_rows(answer)]),

@@ -83,12 +83,13 @@ def page_html(layout: str, page: Mapping[str, Any]) -> str:
 
 
 def inside_page(replay: str) -> str:
-    """Return a replay as elements of another page, packed; its ``inside.js`` unpacks it."""
+    """Return a replay as elements of another page: packed, and the script that unpacks it."""
     page = replay.replace('class="replay"', 'class="replay inside"', 1).encode()
     packed = base64.b64encode(gzip.compress(page, mtime=0)).decode("ascii")
     return (
         f'<iframe class="screen" title="replay in 3-D" loading="lazy" data-page="{packed}"></iframe>\n'
         '<canvas class="paper" id="picture" role="img" aria-label="the cell and its forces" hidden></canvas>'
+        f"<script>\n{web_file('inside.js')}</script>"
     )
 
 

@@ -6,6 +6,7 @@ import base64
 import html
 import io
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from string import Template
@@ -51,6 +52,8 @@ class MetricRow(NamedTuple):
     window: str
 
 
+_LINE_PT = 0.3
+"""Distance by which a drawn curve may be off its values, points."""
 _NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_max_J")
 """Metrics of the accuracy of the computation, not of the control."""
 
@@ -155,14 +158,13 @@ def report_html(result: RunResult) -> str:
         ),
         metrics="\n".join(
             f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
-            f'<td class="number">{html.escape(row.value).replace(" ", "&nbsp;")}</td>'
-            f'<td class="number window">{html.escape(row.window)}</td>'
+            f'<td class="number">{_unbroken(row.value)}</td>'
+            f'<td class="number window">{_unbroken(row.window)}</td>'
             f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
             for row in metrics_table(result)
         ),
         left_out=f"Left out, because it does not apply to this run: {html.escape(absent)}." if absent else "",
         replay=inside_page(replay_html(result)),
-        inside=web_file("inside.js"),
         motion=figure_image(motion_figure(result), "paths of payload and tips"),
         tracking=figure_image(
             tracking_figure(result), "payload pose against the desired one, and the axial internal force"
@@ -189,6 +191,11 @@ def save_report(result: RunResult, path: str | Path) -> None:
         path: the file, for example "report.html".
     """
     save_page(report_html(result), path)
+
+
+def _unbroken(text: str) -> str:
+    """Return numbers with units as HTML whose lines break behind commas only."""
+    return html.escape(text).replace(" ", "&nbsp;").replace(",&nbsp;", ", ")
 
 
 def _verdict(result: RunResult) -> str:
@@ -246,10 +253,11 @@ def figure_image(figure: Figure, text: str) -> str:
     """Return a figure as an image element; inline SVGs would share their ids."""
     figure.suptitle("")  # the page has its own headings
     figure.supxlabel("")
-    file = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "coop_pin"}):  # the same bytes for the same figure
-        figure.savefig(file, format="svg", metadata={"Date": None})
-    content = base64.b64encode(file.getvalue()).decode("ascii")
+    file = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "coop_pin", "path.simplify_threshold": _LINE_PT}):
+        figure.savefig(file, format="svg", metadata={"Date": None})  # the same bytes for the same figure
+    paths = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), file.getvalue())
+    content = base64.b64encode(paths.encode()).decode("ascii")
     columns = figure.axes[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
     width, height = figure.get_size_inches()
     shape = f' data-columns="{columns}" style="--shape: {width / height / columns:.3f}"' * (columns > 1)

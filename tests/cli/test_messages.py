@@ -61,6 +61,13 @@ def test_a_wrong_tip_is_told_with_the_arm_of_the_cell(cell):
         cp.run(scenario)
 
 
+def test_a_list_typed_as_json_is_refused_with_the_form_that_works():
+    with pytest.raises(FieldError, match=r"a list in TOML, \[\{name = value\}\]") as caught:
+        changes({"events": ['[{"time": 2.0}]']}, ["left"])
+    assert caught.value.path == "events"
+    assert changes({"events": ["[{time = 2.0}]"]}, ["left"]) == {"events": [{"time": 2.0}]}
+
+
 def test_a_table_typed_as_json_is_refused_with_both_forms_that_work():
     path = "cell.arms.left.locked"
     with pytest.raises(FieldError, match=rf"--{path}\.NAME VALUE") as caught:

@@ -85,6 +85,15 @@ def test_what_takes_its_time_is_told_on_a_terminal_and_taken_back(monkeypatch):
         assert written.endswith("\x1b[K") == tells
 
 
+@pytest.mark.parametrize("stream", [Screen, io.StringIO])
+def test_an_error_is_wrapped_on_a_terminal_and_one_line_elsewhere(stream, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(sys, "stderr", written := stream())
+    assert main(["run", "nothing"]) == 2
+    assert (len(written.getvalue().splitlines()) > 1) == written.isatty()
+    assert (too_long(written.getvalue()) == []) == written.isatty()
+
+
 def test_nothing_is_told_of_what_is_over_at_once(monkeypatch):
     monkeypatch.setattr(sys, "stderr", screen := Screen())
     with terminal.Working("a moment"):

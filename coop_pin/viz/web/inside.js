@@ -5,7 +5,7 @@ for (const frame of document.querySelectorAll("iframe[data-page]")) {
   new Response(packed.stream().pipeThrough(new DecompressionStream("gzip"))).text().then((page) => { frame.srcdoc = page; });
 }
 addEventListener("beforeprint", () => {
-  const replay = document.querySelector("iframe[data-page]")?.contentWindow, picture = document.getElementById("picture");
+  const replay = document.querySelector("iframe[data-page]").contentWindow, picture = document.getElementById("picture");
   if (!replay?.coopPin?.viewer) { return; }
   replay.coopPin.viewer.render();
   const drawn = replay.document.querySelector("#pane canvas"), scale = drawn.width / drawn.clientWidth, view = drawn.getBoundingClientRect();
