@@ -156,13 +156,9 @@ class Linkage(Description):
                 f"is {name!r}, no link of the payload; {suggestion(name, list(self.bodies))}", path
             )
 
-    @property
+    @cached_property  # analyses ask at every pose of a motion
     def text(self) -> str:
         """Checked text of the URDF."""
-        return self._text
-
-    @cached_property  # analyses ask at every pose of a motion
-    def _text(self) -> str:
         return text_checked(self.urdf) if self.file is None else load_checked(self.file)
 
     @property
