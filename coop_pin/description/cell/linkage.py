@@ -156,9 +156,13 @@ class Linkage(Description):
                 f"is {name!r}, no link of the payload; {suggestion(name, list(self.bodies))}", path
             )
 
-    @cached_property  # analyses ask at every pose of a motion
+    @property
     def text(self) -> str:
         """Checked text of the URDF."""
+        return self._text
+
+    @cached_property  # analyses ask at every pose of a motion
+    def _text(self) -> str:
         return text_checked(self.urdf) if self.file is None else load_checked(self.file)
 
     @property
