@@ -170,7 +170,7 @@ def test_the_internal_force_stays_for_an_hour(bias):
     error, time = force_error(result)[late], result.data.time.values[late]
     drift = np.abs(np.polyfit(time, error, 1)[0]).max()
     print(f"{1e3 * bias:g} mm: {np.linalg.norm(error[-1]):.5f} N after an hour, drift {drift:.2g} N/s")
-    assert_allclose(np.linalg.norm(error, axis=1), 0.25 * stiffness * gamma * bias / beta, rtol=0.01)
+    assert_allclose(np.linalg.norm(error, axis=1), 0.25 * stiffness * gamma * bias / beta, rtol=0.02)
     assert drift < 1e-9
 
 

@@ -276,3 +276,21 @@ def test_a_bias_leaves_the_internal_wrench_and_the_pose_of_the_statics(cell, kin
     if name not in ("mean-pose", "leader-follower"):  # these leave none
         assert np.abs(predicted[:, :2]).max() > 0.05
     assert_allclose(data.pose_error.values[rows], e[rows], rtol=2e-2, atol=3e-5)
+
+
+@pytest.mark.parametrize(
+    ("cell", "damping", "duration"),
+    [
+        pytest.param("planar", (360.0, 360.0, 18.0), 6.0, marks=pytest.mark.gate),
+        pytest.param("spatial", (720.0,) * 3 + (36.0,) * 3, 16.0, marks=pytest.mark.slow),
+    ],
+)
+def test_an_admittance_comes_to_rest_where_the_internal_wrench_is_the_desired_one(cell, damping, duration):
+    law = {"kind": "admittance", "command": "velocity", "force_path": {"kind": "late"}}
+    gains = {"admittance_damping": damping, "pose_gain": 10.0}
+    servo = {"actuators.servo": {"command": "velocity", "rate_hz": 1000.0}, "clock.steps_per_tick": 4}
+    changes = {"controller": law | {"gains": gains}, "duration": duration, "clock.record_every": 250}
+    data = cp.run(still("payload-space", cell, "lid").override(servo | changes), warn=False).data
+    error = np.nan_to_num((data.internal_wrench - data.desired_internal_wrench).values)
+    assert np.abs(error[0]).max() > 1.0
+    assert_allclose(error[-1], 0.0, atol=1e-3)

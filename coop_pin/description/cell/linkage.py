@@ -161,7 +161,7 @@ class Linkage(Description):
         """Checked text of the URDF."""
         return self._text
 
-    @cached_property  # analyses ask at every pose of a motion
+    @cached_property  # analyses ask at every pose of a motion; a name without _ would count as a field
     def _text(self) -> str:
         return text_checked(self.urdf) if self.file is None else load_checked(self.file)
 
