@@ -226,7 +226,7 @@ MISUSE = {
 }
 
 
-LONG = ("the sign of a wrench", "milliseconds")
+LONG = ("the sign of a wrench", "milliseconds", "swapped wrists")
 """Misuse whose telling takes seconds."""
 
 
@@ -286,6 +286,7 @@ def test_95_percent_intervals_cover_in_93_to_97_of_100_draws(kind):
     assert seen.worst[1] >= FEWEST, seen.worst
 
 
+@pytest.mark.gate
 def test_a_minute_at_500_hz_takes_less_than_five_seconds():
     import time
 
