@@ -160,7 +160,7 @@ def force_interval(force: Array, x: Array, covariance: Array, error: float) -> N
         covariance: covariance of the estimates, shape (p, p).
         error: standard deviation of the forecast, as a part of the force.
     """
-    draws = np.random.default_rng(0).multivariate_normal(x, covariance, _DRAWS, method="eigh")
+    draws = np.random.default_rng(0).multivariate_normal(x, covariance, _DRAWS, "ignore", method="eigh")
     forces = np.tensordot(force, np.vstack((x, draws)).T, 1)
     norms = np.linalg.norm(forces, axis=2).max(axis=1).mean(axis=0)
     low, high = np.percentile(norms[1:], _LEVELS)

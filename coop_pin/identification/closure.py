@@ -28,7 +28,7 @@ from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.loop import start_configuration
 
-_STEPS, _RESTS, _LARGEST = 30, 1e-3, 20.0
+_STEPS, _RESTS, _LARGEST = 60, 1e-3, 20.0
 """Most Gauss-Newton steps, and the sizes of the last and of the largest one, in sds of the priors."""
 BEYOND = 4.0
 """Prior standard deviations from which on an estimate is doubtful, and no prior tells it from others."""
@@ -224,22 +224,28 @@ class ViewClosure:
         return z
 
     def fit(self) -> Fit:
-        """Return the estimate of all parameters: Gauss-Newton steps until it rests.
+        """Return the estimate of all parameters: Gauss-Newton steps, halved where the sum rises, to rest.
 
         Where one is doubtful that the log does not see, all priors count as wider, so that it is at 2 sds:
         they do not tell apart what the log does not.
         """
-        z = self._aligned()
+        z, step, least = self._aligned(), np.zeros(len(self.prior)), np.inf
         for _ in range(_STEPS):
             residual, A = self._whitened(z)
             H = np.linalg.inv(A.T @ A + np.eye(len(z)))
-            step = H @ (A.T @ residual.ravel() + z)
+            cost = (residual**2).sum() + z @ z
+            if cost > least and np.abs(step).max() > _RESTS:
+                step = step / 2.0
+                z = z + step
+                continue
+            step, least = H @ (A.T @ residual.ravel() + z), cost
             if np.abs(step).max() < _RESTS:
                 break
-            z = z - step / max(1.0, np.abs(step).max() / _LARGEST)
+            step = step / max(1.0, np.abs(step).max() / _LARGEST)
+            z = z - step
+        chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         if (far := np.abs(z[np.diag(H) > _UNSEEN]).max(initial=0.0)) > BEYOND:
             H = np.linalg.inv(A.T @ A + np.eye(len(z)) * (2.0 / far) ** 2)
-        chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
         covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
         return Fit(self.parameters, z * self.prior, covariance, self.prior, chi)
 

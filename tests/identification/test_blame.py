@@ -226,7 +226,7 @@ MISUSE = {
 }
 
 
-LONG = ("the sign of a wrench", "milliseconds")
+LONG = ("the sign of a wrench", "milliseconds", "swapped wrists")
 """Misuse whose telling takes seconds."""
 
 
@@ -273,18 +273,20 @@ def test_clocks_that_are_known_are_not_fitted(name):
 def test_95_percent_intervals_cover_in_93_to_97_of_100_draws(kind):
     """Pooled by part, of what is seen; those of newtons pooled over the causes, by the estimates alone. The
     norm of all that the arms see differently is never negative: where it is small, its percentiles lie a
-    little high (92 on the planar pair). A clock is one number a draw, whose count of 100 has an sd of 2.2:
-    the root mean square of its z decides, within 2.6 sds of exact intervals."""
+    little high (92 on the planar pair). A count of n hits has an sd of 0.22 / sqrt(n), 2.2 % of 100: of kinds
+    with one or two numbers a draw the root mean square of z decides, within 2.6 sds of exact intervals."""
     seen = coverage(kind, range(100, 200))
-    clocks = np.array(seen.z["clock"])
-    assert abs(np.sqrt(np.mean(clocks**2)) - 1.0) < 2.6 / np.sqrt(2.0 * len(clocks))
     for part, hits in seen.inside.items():
-        if part not in ("clock", "views"):
+        if len(hits) > 200:
             assert 0.93 <= round(np.mean(hits), 2) <= 0.97, (part, np.mean(hits), len(hits))
+        elif part != "views":
+            rms = np.sqrt(np.mean(np.square(seen.z[part])))
+            assert abs(rms - 1.0) < 2.6 / np.sqrt(2.0 * len(hits)), (part, rms, len(hits))
     assert 0.9 <= np.mean(seen.inside["views"]) <= 0.97
     assert seen.worst[1] >= FEWEST, seen.worst
 
 
+@pytest.mark.gate
 def test_a_minute_at_500_hz_takes_less_than_five_seconds():
     import time
 
@@ -406,15 +408,17 @@ def test_a_payload_of_another_shape_is_told_and_blamed_on_no_joint(case, shape):
 @pytest.mark.slow
 @pytest.mark.parametrize("link", [2e-4, 1e-3])
 def test_links_that_are_off_within_their_prior_widen_joints_and_keep_coverage(link):
-    """Without the prior chi tells of 0.1 %, and not of 0.02 %; joints are compared before chi widens them."""
-    scenario, inside, joints = scenario_of("adept"), [], {0.0: [], link: []}
+    """Without the prior chi tells of 0.1 % in each draw; of 0.02 % it may not."""
+    scenario, inside = scenario_of("adept"), []
     for causes, record, cell in all_logged(scenario, range(300, 310), {"link": link}):
-        for prior in joints:
-            answer = cp.blame(record, cell, priors=PRIORS._replace(link=prior))
-            fit = answer.kinematics
-            sds = fit.sd / max(fit.chi, 1.0)
-            joints[prior] += [sds[k] for k, one in enumerate(fit.parameters) if one.part == "joint"]
-            assert fit.chi < 1.1 if prior else fit.chi > 1.1 or link < 1e-3, (prior, fit.chi)
+        fit, without = (
+            cp.blame(record, cell, priors=PRIORS._replace(link=prior)).kinematics for prior in (link, 0.0)
+        )
+        assert fit.chi < 1.1
+        assert without.chi > 1.1 or link < 1e-3
         inside += [*(np.abs(fit.x - truth(fit, causes)) < 1.96 * fit.sd)]
     assert np.mean(inside) > 0.9
-    assert np.mean(joints[link]) > np.mean(joints[0.0])
+    _, _, record, cell, known = answered("adept", 4)
+    wider, known = cp.blame(record, cell, priors=PRIORS._replace(link=link)).kinematics, known.kinematics
+    for k in known.of("left", "joint"):
+        assert wider.sd[wider.parameters.index(known.parameters[k])] > known.sd[k]

@@ -157,10 +157,13 @@ def test_another_law_or_squeeze_is_told_by_what_its_causes_leave():
 
 @pytest.mark.slow
 def test_the_printed_law_in_place_of_the_anchored_one_is_told():
-    scenario, printed = cp.Scenario.load("adept-anchored", QUIET), cp.Scenario.load("adept-paper")
-    result = cp.run(scenario, {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}, warn=False)
-    answer = cp.blame(cp.logs.Record.of_run(result), scenario.replace(controller=printed.controller))
+    off = QUIET | {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
+    scenario, printed = cp.Scenario.load("adept-anchored", off), cp.Scenario.load("adept-paper")
+    record = cp.logs.Record.of_run(cp.run(scenario, warn=False))
+    answer = cp.blame(record, scenario.replace(controller=printed.controller))
     assert "controller" in [one.place for one in answer.findings.of("warning")]
+    assert answer.unexplained > 5.0 * answer.read
+    assert cp.blame(record, scenario).unexplained < 0.1 * answer.read
 
 
 @pytest.mark.slow
