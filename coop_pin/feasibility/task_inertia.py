@@ -202,7 +202,7 @@ class HeldArm:
         return self.model.nonlinear_effects(q, np.zeros(self.model.nv))
 
     def other_torques(self, q: Array, v: Array, N: Array | None = None) -> Array:
-        """Return the joint torques besides the law's wrench, N m, shape (k,); N is the null space if known."""
+        """Return the joint torques besides the law's wrench, N m, shape (k,); N if it is known."""
         torque = self.carried * self.weight(q)
         if self.is_redundant:
             arm, drive = self.model, self.model.drive
