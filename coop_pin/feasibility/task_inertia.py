@@ -201,14 +201,15 @@ class HeldArm:
         """Return g(q), N m, shape (k,)."""
         return self.model.nonlinear_effects(q, np.zeros(self.model.nv))
 
-    def other_torques(self, q: Array, v: Array) -> Array:
-        """Return the joint torques besides the law's wrench, N m, shape (k,)."""
+    def other_torques(self, q: Array, v: Array, N: Array | None = None) -> Array:
+        """Return the joint torques besides the law's wrench, N m, shape (k,); N if it is known."""
         torque = self.carried * self.weight(q)
         if self.is_redundant:
             arm, drive = self.model, self.model.drive
             displacement = pin.difference(arm.model, arm.posture_configuration, q)
             pull = -self.stiffness * (drive @ displacement) - self.damping * (drive @ v)
-            torque = torque + drive.T @ arm.null_space(q) @ (arm.from_drive.T @ self.held + pull)
+            N = arm.null_space(q) if N is None else N
+            torque = torque + drive.T @ N @ (arm.from_drive.T @ self.held + pull)
         return torque
 
     def path(self, times: Array, t: Array, q: Array) -> Array:
@@ -284,7 +285,7 @@ class HeldArm:
                 along = J_plus @ self.rows.select(target.V_WP_d)
                 M = from_drive.T @ model.mass_matrix(q_k) @ from_drive
                 D = from_drive.T @ self.friction.damping(from_drive @ (along + w)) @ from_drive
-                pulled = from_drive.T @ (self.other_torques(q_k, rest) - self.weight(q_k))
+                pulled = from_drive.T @ (self.other_torques(q_k, rest, N) - self.weight(q_k))
                 inert = M + h * (D + np.diag(self.damping))
                 w = np.linalg.solve(
                     N @ inert @ N + np.eye(model.nv) - N, N @ (M @ w + h * (pulled - D @ along))

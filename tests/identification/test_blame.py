@@ -23,10 +23,15 @@ PRIORS = Priors(clock=3e-3, link=0.0, wrist=(2.0, 0.1))
 
 
 @functools.cache
-def answered(kind, seed):
+def a_log(kind, seed):
     scenario = scenario_of(kind)
     causes = drawn(np.random.default_rng(seed), scenario, {})
-    record, cell = logged(scenario, causes, seed)
+    return scenario, causes, *logged(scenario, causes, seed)
+
+
+@functools.cache
+def answered(kind, seed):
+    scenario, causes, record, cell = a_log(kind, seed)
     return scenario, causes, record, cell, cp.blame(record, cell, priors=PRIORS)
 
 
@@ -235,7 +240,7 @@ LONG = ("the sign of a wrench", "milliseconds", "swapped wrists")
 )
 def test_misuse_is_refused_and_blamed_on_no_joint(name):
     change, words = MISUSE[name]
-    _, _, record, cell, _ = answered("turning", 4)
+    _, _, record, cell = a_log("turning", 4)
     answer = cp.blame(change(record), cell, priors=PRIORS)
     assert not answer.findings.ok, answer.summary()
     assert words in answer.summary()
@@ -290,7 +295,7 @@ def test_95_percent_intervals_cover_in_93_to_97_of_100_draws(kind):
 def test_a_minute_at_500_hz_takes_less_than_five_seconds():
     import time
 
-    _, _, record, cell, _ = answered("turning", 4)
+    _, _, record, cell = a_log("turning", 4)
     long = scaled(record, "time", 1.0)
     arms = {}
     for name, arm in long.arms.items():
