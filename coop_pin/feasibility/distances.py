@@ -115,7 +115,7 @@ class Distances:
 def distances(
     scenario: Scenario, cell_reach: Reachability | None = None, *, poses: int = _POSES
 ) -> Distances:
-    """Return the least distances between arms, payload and tables along the motion, at the poses of a reach.
+    """Return the least distances between arms, payload and tables along the motion, at some poses of a reach.
 
     Convex hulls stand for meshes, so that a body may be a little farther away than told. Links of one robot
     count against each other, too. Which pairs are exempt: CellDistances.
@@ -126,7 +126,7 @@ def distances(
     Args:
         scenario: Cell and motion.
         cell_reach: Reachability of the scenario as its arms see it; it is computed when omitted.
-        poses: Number of poses of the reference that are looked at then.
+        poses: Largest number of poses that are looked at.
 
     Raises:
         UrdfError, NameNotFoundError, FileReadError: as of ``reachability``.
@@ -136,8 +136,9 @@ def distances(
     reach = reachability(seen, poses=poses) if cell_reach is None else cell_reach
     bodies, first = CellDistances(scenario.cell), CellArm(seen.cell, reach.arms[0].arm)
     count = min(len(arm.q) for arm in reach.arms)
-    times = reach.arms[0].times[:count]
-    configurations = [[arm.q[k] for arm in reach.arms] for k in range(count)]
+    rows = np.unique(np.linspace(0.0, count - 1.0, min(count, poses)).round().astype(int))
+    times = reach.arms[0].times[rows]
+    configurations = [[arm.q[k] for arm in reach.arms] for k in rows]
     payload, shared = [first.payload_pose(q[0]) for q in configurations], None
     if scenario.cell.carriers:
         shared = [shared_positions(scenario, float(time)) for time in times]

@@ -26,7 +26,7 @@ from coop_pin.results.metrics import (
 )
 from coop_pin.results.quantity import Arrays, Samples
 from coop_pin.results.running_metrics import EveryTick, RunningMetrics
-from coop_pin.results.task import TaskMonitor, TaskVerdict, monitored, task_verdict
+from coop_pin.results.task import LARGEST, TaskMonitor, TaskVerdict, monitored, task_verdict
 from coop_pin.results.window import Window, checked_window, metric_windows, phases, samples_of
 
 if TYPE_CHECKING:  # slow to load
@@ -282,6 +282,8 @@ class RunResult:
         missing = [phase for phase in expected if not self.phases[phase].any()]
         lines = [f"{scenario.name}: {self.verdict()}", span]
         lines += metric_lines(self.metrics(), self.windows_of, missing)
+        if any(window.start > 0.0 for name in LARGEST.values() for window in self.windows_of(name)):
+            lines.append("  largest errors: before their windows the error that the start left only decays")
         lines += [f"  {remark}" for remark in self.data.attrs.get(self.REMARKS, "").splitlines()]
         return "\n".join(lines + [f"  limit exceeded: {violation}" for violation in self.limit_violations()])
 

@@ -82,9 +82,9 @@ def task_verdict(
         return TaskVerdict("off", f"task OFF: {first}{more}", deviations)
     scales = ((1e3, "mm"), (1e3, "mrad"), (1.0, "N"), (1.0, "N m"))
     sizes = [
-        f"{cause} to {scale * metrics[name]:.2g} {unit}"
+        f"{cause} to {size:.2g} {unit}" if size < 99.5 else f"{cause} to {size:.0f} {unit}"
         for (cause, name), (scale, unit) in zip(LARGEST.items(), scales, strict=True)
-        if math.isfinite(metrics[name])
+        if math.isfinite(size := scale * metrics[name])
     ]
     allowance = f"; larger errors are allowed until {recovery:g} s after events" if recovery > 0.0 else ""
     return TaskVerdict("kept", f"task kept ({', '.join(sizes)}{allowance})", ())

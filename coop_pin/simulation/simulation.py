@@ -12,7 +12,16 @@ import math
 import numpy as np
 
 from coop_pin.base.arrays import as_number, require_type
-from coop_pin.base.errors import CommandError, DivergedError, FieldError, OutOfRangeError, is_users
+from coop_pin.base.errors import (
+    ArgumentError,
+    CommandError,
+    CoopPinError,
+    DivergedError,
+    FieldError,
+    OutOfRangeError,
+    ShapeError,
+    is_users,
+)
 from coop_pin.control import ArmReference, CellCommand, CellController
 from coop_pin.control.controller import require_command
 from coop_pin.description.events import PayloadEvent
@@ -72,6 +81,21 @@ class Simulation(TickLoop):
                 if math.isnan(error.value):
                     self._require_numbers(command)
                 raise
+            except (ArgumentError, ShapeError) as error:
+                self._blame(error)
+                raise
+
+    def _blame(self, error: CoopPinError) -> None:
+        """Tell a command that cannot be read with the place of the user's law.
+
+        Raises:
+            CommandError: the law of the arm that the error names is the user's.
+        """
+        steps = {repr(slot.name): self.controller.step_of(slot.name) for slot in self.slots}
+        step = next((step for name, step in steps.items() if f"arm {name}" in str(error)), None)
+        if step is not None and is_users(step):
+            problem = f"what cannot be commanded: {error}".rstrip(".")
+            raise CommandError(self.time, step, problem, "give one real number for each drive") from error
 
     def _require_numbers(self, command: CellCommand) -> None:
         """Refuse NaN by a user's law.

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from forecast_cells import KINDS, drawn
 from random_cells import random_cell
 
 import coop_pin as cp
 from coop_pin.base.errors import InfeasibleMotionError
-from coop_pin.feasibility import reachability, statics_along
+from coop_pin.feasibility import distances, reachability, statics_along
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import loop_stability, start_stability, step_stability
@@ -60,3 +61,25 @@ def test_forty_random_cells_run_as_proposed_or_are_refused_before_a_run(seed):
     print(f"seed {seed}: refused {refused}, {within} of {40 - len(refused)} within 1 mm and 0.5 N")
     assert len(refused) <= 6
     assert within >= 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_proposal_for_a_cell_whose_bodies_are_apart_has_no_warning(kind, tmp_path):
+    """Ten cells whose stated postures, bases and grasps keep bodies apart, which most draws do not."""
+    passed = 0
+    for number in range(400):
+        cell = drawn(tmp_path, 20261202, kind, number)
+        along = distances(cell, reachability(cell, poses=5))
+        if along.nearest is None or not along.ok:
+            continue
+        try:
+            suggestion = cp.suggest(cell)
+        except InfeasibleMotionError:
+            continue
+        warned = [str(finding) for finding in suggestion.findings().of("error", "warning")]
+        assert warned == [], suggestion.scenario.name
+        passed += 1
+        if passed == 10:
+            return
+    pytest.fail(f"{passed} cells only")

@@ -8,7 +8,7 @@ import pytest
 from cells import SCENARIOS
 
 import coop_pin as cp
-from coop_pin.base.errors import ArgumentError, CommandError, FieldError, UserCodeError
+from coop_pin.base.errors import CommandError, FieldError, UserCodeError
 
 
 def mistaken(cell, law, engine="pinocchio"):
@@ -57,11 +57,22 @@ def test_a_law_that_raises_or_ends_the_program_is_named_with_its_line(cell, engi
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)
-@pytest.mark.parametrize("law", ["ComplexTorques", "NoNumbers", "WithGradient"])
-def test_torques_that_are_no_real_numbers_are_refused(cell, law):
-    error = mistaken(cell, law)
-    assert isinstance(error, ArgumentError)
-    assert {"ComplexTorques": "complex128", "NoNumbers": "<U4", "WithGradient": "detach()"}[law] in str(error)
+@pytest.mark.parametrize(
+    ("law", "problem"),
+    [
+        ("ComplexTorques", "complex128"),
+        ("NoNumbers", "<U4"),
+        ("WithGradient", "detach()"),
+        ("OneTorque", "shape (1,)"),
+    ],
+)
+def test_torques_that_are_not_one_real_number_for_each_drive_are_named_with_their_place(cell, law, problem):
+    error, step = mistaken(cell, law), getattr(mistaken_laws, law).step
+    assert isinstance(error, CommandError)
+    assert (error.function, error.line) == (f"{law}.step", inspect.getsourcelines(step)[1])
+    assert error.file.endswith("mistaken_laws.py")
+    assert problem in str(error)
+    assert "one real number for each drive" in str(error)
 
 
 @pytest.mark.parametrize("law", ["NoInit", "NoState"])
