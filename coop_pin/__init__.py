@@ -68,7 +68,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         {
             "description.actuators": "GravityCompensation",
             "description.cell.armature": "Rotors",
-            "description.cell.differential_base": "DifferentialBase Steering",
+            "description.cell.differential_base": "DifferentialBase PlaceOnPayload Steering",
             "description.cell.end_stops": "EndStops",
             "description.cell.joint_friction": "JointFriction",
             "description.cell.shared_joint": "SharedJoint Stroke",

@@ -6,8 +6,8 @@ python tools/real_files.py FILES OUT yumi movo   # some of them
 FILES has ``pip/``, where packages were installed with ``pip install --no-deps --target``, and
 ``git/OWNER/NAME/`` with the files of public repositories. Rows whose robots are plain names are of
 example-robot-data. A row whose first command is refused has the remedy that the refusal named, as further
-options or as an edit of the file, ``PATTERN => TEXT``; it is executed, and counts only if the cell then keeps
-its task.
+options or as an edit of the file, ``PATTERN => TEXT``, or of one that it includes, ``PATH: PATTERN => TEXT``;
+it is executed, and counts only if the cell then keeps its task.
 """
 
 from __future__ import annotations
@@ -65,10 +65,16 @@ def made(row: dict[str, str], files: Path, scenario: Path, options: str, edit: s
     robots = words(row["robots"], files)
     if edit:
         pattern, _, text = edit.partition(" => ")
-        robots = [str(edited(Path(robot), pattern, text)) for robot in robots]
+        included, _, part = pattern.partition(": ")
+        if part:
+            (files / included).write_text(re.sub(part, text, (files / included).read_text()))
+        else:
+            robots = [str(edited(Path(robot), pattern, text)) for robot in robots]
     code, said = command("new", str(scenario), "--arms", *robots, *words(options, files))
     scenario.with_suffix(".new.txt").write_text(said)
-    return "" if code == 0 else " ".join(said.partition("coop-pin: ")[2].split())[:400]
+    return (
+        "" if code == 0 else " ".join(said.partition("coop-pin: ")[2].replace(f"{files}/", "").split())[:400]
+    )
 
 
 def edited(file: Path, pattern: str, text: str) -> Path:

@@ -218,7 +218,7 @@ def new(
         squeeze: force of each arm towards the others, N.
         clearance: distance that bodies which may not touch keep where they can, m; the cell states it.
         package_dirs: folders that are searched first for the packages of the robots.
-        xacro_args: arguments of xacro files.
+        xacro_args: arguments of xacro files, and environment variables that they ask for.
         srdf: SRDF file of one robot, whose groups name tips and whose states name postures.
 
     Raises:

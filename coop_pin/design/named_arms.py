@@ -88,8 +88,10 @@ def arms_of_robot(
     tools = tuple(tips) or (links.tools() if srdf is None else srdf.arms(links)) or links.tools()
     if len(tools) < 2 or (len(tools) > 2 and not tips):
         listed = ", ".join(map(repr, tools))
+        switches = ", switches of a xacro in xacro_args" if str(robot).endswith(".xacro") else ""
         reason = (
-            f"{str(robot)!r} may hold with {listed}; name the tips of its arms in tips, or two or more robots"
+            f"{str(robot)!r} may hold with {listed}; name the tips of its arms in tips{switches}, or two or"
+            " more robots"
         )
         raise UrdfError(reason, "arms.0", tools)
     if srdf is not None:

@@ -88,7 +88,7 @@ def new_cell(
         squeeze: force of each arm towards the others, N; 0 for none.
         clearance: distance that bodies which may not touch keep where they can, m; the cell states it.
         package_dirs: folders that are searched first for the packages of robots.
-        xacro_args: arguments of xacro files.
+        xacro_args: arguments of xacro files, and environment variables that they ask for.
         srdf: SRDF file of one robot: its groups name tips, and its states postures.
         name: name of the scenario.
         progress: function that is called with what begins, as text; many arms take half a minute.

@@ -30,7 +30,7 @@ def seen_by_arms(scenario: Scenario) -> Scenario:
 
     Bases that roll are parked. Those that follow the payload are as if they went with it on the ground, D =
     its displacement along the ground and about the upright; the turn of each under its arm is left out, and
-    ``rolling_course`` has it. Beside a steering D is that of the first base with one.
+    ``rolling_course`` has it. Where bases have ways of their own, D is that of the first of these.
 
     Args:
         scenario: Scenario of a cell with shared joints, or with bases that roll.
@@ -59,29 +59,30 @@ def held_cell(cell: Cell) -> Cell:
     return cell.replace(shared_joints={}, arms={**cell.arms, **parked})
 
 
-def displacement(scenario: Scenario, time: float) -> Array:
-    """Return D, by which what carries the arms has moved them at a time, s, shape (4, 4)."""
+def displacement(scenario: Scenario, time: float, arm: str = "") -> Array:
+    """Return D, by which what carries the arms has moved them at a time, s, shape (4, 4).
+
+    Of bases that roll it is that of the first with a way of its own, a steering or a stated place, else of
+    the first that follows the payload, or that of a named arm.
+    """
     cell = scenario.cell
     if cell.carrier is not None:
         return cell.carrier.displacement(shared_positions(scenario, time))
-    moving = [name for name, base in cell.wheels.items() if base.follow != "hold"]
-    steered = [name for name in moving if isinstance(cell.wheels[name].follow, Steering)]
-    if not moving:
+    moving = {name: base for name, base in cell.wheels.items() if base.follow != "hold"}
+    if not moving or (arm and arm not in moving):
         return np.eye(4)
-    name = (*steered, *moving)[0]
-    X_WB, motion, base = cell.arms[name].base.matrix, scenario.payload_motion, cell.wheels[name]
+    first = min(moving, key=lambda name: moving[name].follow == "payload")
+    name = arm or first
+    X_WB, motion, base = cell.arms[name].base.matrix, scenario.payload_motion, moving[name]
     way, begin = motion.at(time), motion.at(0.0).X_WP_d
     if isinstance(base.follow, Steering):
         yaw = base.steered(base.follow)[1] * base.follow.profile(time)[1]
-        R = exp3(np.array((0.0, 0.0, yaw)))
-        p = np.append(base.reference(time, X_WB, way, begin)[0], 0.0) - base.ahead * R[:, 0]
     else:
-        X, X_0 = inverse_pose(X_WB) @ way.X_WP_d, inverse_pose(X_WB) @ begin
-        turned = X[:3, :3] @ X_0[:3, :3].T
-        R = exp3(np.array((0.0, 0.0, np.arctan2(turned[1, 0], turned[0, 0]))))
-        p = (X[:3, 3] - R @ X_0[:3, 3]) * (1.0, 1.0, 0.0)
+        turned = X_WB[:3, :3].T @ way.X_WP_d[:3, :3] @ begin[:3, :3].T @ X_WB[:3, :3]
+        yaw = np.arctan2(turned[1, 0], turned[0, 0])
     D = np.eye(4)
-    D[:3, :3], D[:3, 3] = R, p
+    D[:3, :3] = exp3(np.array((0.0, 0.0, yaw)))
+    D[:2, 3] = base.reference(time, X_WB, way, begin)[0] - base.ahead * D[:2, 0]
     return np.asarray(X_WB @ D @ inverse_pose(X_WB))
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from coop_pin.base.arrays import Array, typed
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.differential_base import DifferentialBase
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain
@@ -142,7 +143,7 @@ class WheelSummary(NamedTuple):
     Attributes:
         arm: name of the arm.
         mass: mass of the platform, kg.
-        follow: reference of the base: "hold", "payload" or "steering".
+        follow: reference of the base: "hold", "payload", "place" or "steering".
         friction: friction of its wheels on the ground.
     """
 
@@ -153,7 +154,12 @@ class WheelSummary(NamedTuple):
 
     def __str__(self) -> str:
         """Return it as a line."""
-        law = {"hold": "holds", "payload": "follows the payload", "steering": "makes a stated way"}
+        law = {
+            "hold": "holds",
+            "payload": "follows the payload",
+            "place": "follows the payload at a stated place",
+            "steering": "makes a stated way",
+        }
         return (
             f"base of {self.arm} on two wheels: {self.mass:g} kg, friction {self.friction:g}; it"
             f" {law[self.follow]}"
@@ -222,9 +228,7 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
         arms,
         _shared_summaries(cell, chain),
         tuple(
-            WheelSummary(
-                name, base.mass, base.follow if isinstance(base.follow, str) else "steering", base.friction
-            )
+            WheelSummary(name, base.mass, _followed(base), base.friction)
             for name, base in cell.wheels.items()
         ),
         cell.payload,
@@ -234,6 +238,13 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
         rank=rank,
         freedom=int(chain.mechanism.model.nv) - rank,
     )
+
+
+def _followed(base: DifferentialBase) -> str:
+    """Return the kind of a base's reference."""
+    if isinstance(base.follow, str):
+        return base.follow
+    return "place" if base.follows_payload else "steering"
 
 
 def _shared_summaries(cell: Cell, chain: CellChain) -> tuple[SharedSummary, ...]:

@@ -131,7 +131,8 @@ def _lighter(scenario: Scenario, statics: StaticTorques) -> str:
     """Return the mass that the drives can hold at these configurations, as advice."""
     part = min(part_held(arm.weight, arm.load, arm.limit) for arm in statics.arms)
     if not 0.0 < part < 1.0:
-        return "The arm's own weight is too much: use a stronger arm, or another posture or grasp"
+        field = "<limit effort> in its URDF, or torque_limits of the arm"
+        return f"The arm's own weight is too much: correct {field}, or take a stronger arm or another posture"
     mass = scenario.cell.payload.mass
     return f"Lower the payload's mass from {mass:g} to {math.floor(100.0 * part * mass) / 100.0:g} kg"
 

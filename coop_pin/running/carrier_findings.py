@@ -9,13 +9,15 @@ import numpy as np
 
 from coop_pin.base.spatial import exp3
 from coop_pin.description.scenario import Scenario
-from coop_pin.feasibility.carried_motion import RollingCourse, rolling_course
+from coop_pin.feasibility.carried_motion import RollingCourse, displacement, rolling_course
 from coop_pin.results.finding import Finding, Kind
 
 _ASIDE = math.radians(60.0)
 """Angle between the heading of a base and its way, from which on the base turns first."""
 _CALM = 0.25
 """Proposed gain of a servo, 1/s, times the period of a tick."""
+_INSTANTS, _TOGETHER = 21, 0.01
+"""Instants at which ways of bases are compared, and difference from which on they are others, m."""
 
 
 def carrier_findings(scenario: Scenario) -> Iterator[Finding]:
@@ -23,6 +25,7 @@ def carrier_findings(scenario: Scenario) -> Iterator[Finding]:
     yield from _servo_findings(scenario)
     yield from _told_findings(scenario)
     yield from _wheel_findings(scenario)
+    yield from _apart_findings(scenario)
 
 
 def _servo_findings(scenario: Scenario) -> Iterator[Finding]:
@@ -92,7 +95,7 @@ def _wheel_findings(scenario: Scenario) -> Iterator[Finding]:
     for name, base in scenario.cell.wheels.items():
         field, course = f"cell.arms.{name}.mobile_base", rolling_course(scenario, name)
         turned, aside = float(np.abs(course.turn).max()), float(course.off.max())
-        if aside > _ASIDE and base.follow == "payload":
+        if aside > _ASIDE and base.follows_payload:
             sentence = (
                 f"the payload leads the base of {name!r} up to {np.degrees(aside):.0f} degrees off its"
                 " heading, where wheels do not roll: it swings round, and turns by up to"
@@ -111,6 +114,21 @@ def _wheel_findings(scenario: Scenario) -> Iterator[Finding]:
                 f" friction is {base.friction:g}: it would slide, which is not modelled"
             )
             yield Finding("rolling base", field, "warning", sentence, grip, base.friction)
+
+
+def _apart_findings(scenario: Scenario) -> Iterator[Finding]:
+    """Yield bases whose arms the analyses see on another one's way."""
+    for name in scenario.cell.wheels:
+        field, apart, start = f"cell.arms.{name}.mobile_base", 0.0, scenario.cell.arms[name].base.matrix
+        for time in np.linspace(0.0, scenario.duration, _INSTANTS).tolist():
+            ways = [(displacement(scenario, time, arm) @ start)[:3, 3] for arm in ("", name)]
+            apart = max(apart, float(np.linalg.norm(ways[1] - ways[0])))
+        if apart > _TOGETHER:
+            sentence = (
+                f"reach, torques and distances of {name!r} are those on the way of another base, which"
+                f" has a way of its own: this one is up to {apart:.3g} m off it; look at the run"
+            )
+            yield Finding("rolling base", field, "warning", sentence, apart, _TOGETHER)
 
 
 def _along_way(scenario: Scenario, name: str, course: RollingCourse) -> dict[str, object]:

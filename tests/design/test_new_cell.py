@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lifts import spatial_robot
 from numpy.testing import assert_allclose
 from tiers import by_default
 
@@ -22,6 +23,7 @@ from coop_pin.base.errors import (
 from coop_pin.cli import main
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
+from coop_pin.design.named_arms import RobotFiles, arms_of_robot
 from coop_pin.design.new_cell import _below_ground
 from coop_pin.design.placing.contacts import contacts
 from coop_pin.feasibility import distances, maximum_reach
@@ -280,6 +282,28 @@ def test_xacro_arguments_reach_the_arms(tmp_path, monkeypatch):
     assert main([*words, "--xacro-args", "reach:=2"]) == 0
     scenario = cp.Scenario.load("pair.toml")
     assert [arm.xacro_args for arm in scenario.cell.arms.values()] == [{"reach": "2"}] * 2
+
+
+@pytest.mark.gate
+def test_switches_and_properties_of_a_xacro_are_told_with_remedies_that_work(tmp_path):
+    """As of MOVO: arms behind optenv, which is an argument, and a <property> without prefix in an include."""
+    pytest.importorskip("xacrodoc")
+    body = spatial_robot().replace('xyz="0.05 0 0.3"', 'xyz="${above}"')
+    body = body.replace('<robot name="spatial">', "").replace("</robot>", "")
+    head, tail = '<robot name="two" xmlns:xacro="http://www.ros.org/wiki/xacro">', "</robot>"
+    include, file = tmp_path / "arms.xacro", tmp_path / "two.xacro"
+    switch = '<xacro:if value="$(optenv HAS_ARMS false)"><xacro:include filename="arms.xacro"/></xacro:if>'
+    other = '<xacro:unless value="$(optenv HAS_ARMS false)"><link name="foot"/></xacro:unless>'
+    file.write_text(f"{head}{switch}{other}{tail}")
+    include.write_text(f'{head}<property name="above" value="0.05 0 0.3"/>{body}{tail}')
+    switched = RobotFiles((), {"HAS_ARMS": "true"})
+    with pytest.raises(UrdfError, match="xacro_args"):
+        arms_of_robot(file, (), RobotFiles((), {}))
+    with pytest.raises(UrdfError, match=f"<xacro:property> in {re.escape(str(include))}"):
+        arms_of_robot(file, (), switched)
+    include.write_text(include.read_text().replace("<property", "<xacro:property"))
+    arms, _ = arms_of_robot(file, (), switched)
+    assert {arm.tip for arm in arms.values()} == {"ltip", "rtip"}
 
 
 @pytest.mark.slow

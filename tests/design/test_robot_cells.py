@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import re
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 from lifts import spatial_robot
 from numpy.testing import assert_allclose
+from page_texts import page_text
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, InfeasibleMotionError, UrdfError
+from coop_pin.cli import main
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot
 from coop_pin.design.new_cell import feasible
@@ -216,3 +221,25 @@ def test_continuous_joints_have_a_posture_and_return_by_the_nearest_turn(tmp_pat
     assert_allclose(ends[1][0], ends[0][0], rtol=0, atol=1e-9)
     assert_allclose(ends[1][1], ends[0][1], rtol=0, atol=1e-7)
     assert_allclose(ends[2][1][:, 6], ends[0][1][:, 6] + 2.0 * np.pi, rtol=0, atol=1e-7)
+
+
+@pytest.mark.gate
+def test_an_own_robot_with_a_lift_keeps_its_task_by_the_page(tmp_path, monkeypatch, capsys):
+    """``new``, the page's block under its lift, ``check``, ``run``; nothing else is edited."""
+    monkeypatch.chdir(tmp_path)
+    text = two_armed(tmp_path, (0.0, 0.3), (0.0, -0.3), 0.7).read_text()
+    mass = '<inertial><mass value="20"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    lift = '<joint name="lift" type="prismatic"><parent link="foot"/><child link="root"/><axis xyz="0 0 1"/>'
+    lift += '<limit lower="0" upper="0.5" effort="2000" velocity="0.5"/></joint>'
+    below = f'<link name="foot">{mass}</link><link name="root">{mass}</link>{lift}'
+    Path("mine.urdf").write_text(text.replace('<link name="root"/>', below))
+    assert main(["new", "mine", "--arms", "mine.urdf"]) == 0
+    assert "cell.shared_joints.lift" in capsys.readouterr().out
+    (follow,) = re.findall(r"follow = \{distance[^}]*\}", page_text("shared-joints"))
+    made = Path("mine.toml")
+    made.write_text(f"{made.read_text()}\n[cell.shared_joints.lift]\n{follow}\n")
+    assert main(["check", "mine.toml"]) == 0
+    assert main(["run", "mine.toml", "--duration", "4.5", "--no-replay", "--no-figures", "--out", "run"]) == 0
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert (metrics["task"], metrics["simulation_sound"]) == ("kept", 1.0)
+    assert metrics["position_error_max_m"] < 1e-3

@@ -10,7 +10,7 @@ from close import unwrapped
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import ArgumentError, FieldError, ScenarioWarning
+from coop_pin.base.errors import ArgumentError, FieldError, InfeasibleMotionError, ScenarioWarning
 from coop_pin.base.spatial import pose_error, rotate_vector6
 from coop_pin.cli import main
 from coop_pin.control.terms import right_inverse
@@ -23,6 +23,7 @@ from coop_pin.feasibility import (
     static_torques,
     statics_along,
 )
+from coop_pin.feasibility.motion_feasibility import require_feasible
 from coop_pin.model import ArmModel, CellArm
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -382,3 +383,19 @@ def test_robots_can_be_listed_and_each_name_is_an_arms(capsys):
     names = [line.split()[0] for line in lines if not line.startswith((" ", "without an arm"))]
     assert {"adept_3dof", "panda", "ur5", "kinova", "xarm7"} <= set(names)
     assert names == sorted(set(names))
+
+
+@BOTH
+def test_effort_below_an_arms_own_weight_is_told_and_the_limit_is_the_remedy(build):
+    """As of a file whose effort is a placeholder; the weight alone is beyond it, whatever the payload."""
+    scenario = build().override({"squeeze": {}})
+    reach = reachability(scenario, poses=5)
+    arms = statics_along(scenario, reach).arms
+    limits = [0.5 * max(float(np.abs(arm.weight).max()) for arm in arms)] * arms[0].weight.shape[1]
+    weak = scenario.override({f"cell.arms.{name}.torque_limits": limits for name in scenario.cell.arms})
+    with pytest.raises(InfeasibleMotionError, match=r"<limit effort>.*torque_limits") as error:
+        require_feasible(weak, reach, statics_along(weak, reach))
+    assert error.value.cause == "torque"
+    strong = {f"cell.arms.{name}.torque_limits": [4.0 * x for x in limits] for name in weak.cell.arms}
+    remedied = weak.override(strong)
+    require_feasible(remedied, reach, statics_along(remedied, reach))

@@ -121,7 +121,7 @@ def test_constrained_accelerations_are_those_of_a_dense_kkt(name):
     assert np.abs(wanted - still).max() > 0.1
     for mechanism in (chain.mechanism, kkt_of(chain.mechanism)):
         found = mechanism.forward_dynamics(q, v, tau).acceleration
-        assert_allclose(found, wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+        assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -15,7 +15,7 @@ from coop_pin.actuators import DifferentialBase, Steering
 from coop_pin.base.errors import ArgumentError, FieldError, ScenarioError
 from coop_pin.chain import Rolling
 from coop_pin.control import ArmController
-from coop_pin.feasibility.carried_motion import seen_by_arms
+from coop_pin.feasibility.carried_motion import displacement, seen_by_arms
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.running.carrier_findings import carrier_findings
 
@@ -351,6 +351,77 @@ def test_a_base_that_follows_the_payload_stays_with_its_place_on_it():
         assert_allclose(at[0], in_base[:2], rtol=0, atol=1e-12)
         ends = [base.reference(t, X_WB, motion.at(t), begin) for t in (time + h, time - h)]
         assert_allclose(at[1:], (ends[0][:2] - ends[1][:2]) / (2.0 * h), rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.3), (0.1, -0.2, 0.3)], ids=["planar", "spatial"])
+def test_a_base_goes_to_a_stated_place_on_the_payload(turn):
+    """r begins where b starts and ends at the place; r' and r'' against differences, on a turning payload."""
+    place = cp.actuators.PlaceOnPayload(place=(-0.5, 0.4, -0.2), start_time=0.4, duration=1.5)
+    base, h = DifferentialBase(follow=place), 1e-5
+    X_WB = cp.Pose(xyz=(0.3, -0.2, 0.0), rpy=(0.0, 0.0, 0.8)).matrix
+    axis = (0.0, 0.0, 1.0) if turn[0] == 0.0 else (0.1, 0.2, 1.0)
+    pose = cp.Pose(xyz=(1.0, 0.5, 0.7), rpy=turn)
+    motion = cp.motions.TurnMotion(pose=pose, axis=axis, angle=1.2, duration=3.0, centre=(0, 2, 0))
+    begin = motion.at(0.0).X_WP_d
+    assert_allclose(base.reference(0.0, X_WB, motion.at(0.0), begin)[0], (base.ahead, 0.0), atol=1e-15)
+    for time in (0.2, 0.7, 1.3, 2.5):
+        at = base.reference(time, X_WB, motion.at(time), begin)
+        ends = [base.reference(t, X_WB, motion.at(t), begin) for t in (time + h, time - h)]
+        assert_allclose(at[1:], (ends[0][:2] - ends[1][:2]) / (2.0 * h), rtol=0, atol=1e-7)
+    in_base = np.linalg.solve(X_WB, motion.at(2.5).X_WP_d @ (*place.place, 1.0))
+    assert_allclose(at[0], in_base[:2], rtol=0, atol=1e-12)
+
+
+def rounding(name):
+    """A carry along an arc by 0.3 rad about a point aside; the left base goes 4 cm along and 3 across."""
+    cell = rolling_cell(name)
+    X = cp.Pose.from_matrix(STARTS[name])
+    start, base = cell.arms["left"].base.matrix, cell.arms["left"].mobile_base
+    b = np.linalg.solve(X.matrix, start @ (base.ahead, 0.0, 0.0, 1.0))[:3]
+    up = X.matrix[:3, :3].T @ start[:3, :3]
+    place = b + up @ (0.04, 0.03, 0.0)
+    way = cp.actuators.PlaceOnPayload(place=tuple(place), start_time=0.2, duration=1.2)
+    left = cell.arms["left"].replace(mobile_base=base.replace(follow=way))
+    axis, centre = tuple(start[:3, 2]), tuple(X.matrix[:3, 3] + start[:3, :3] @ (0.0, 0.6, 0.0))
+    turn = {"kind": "turn", "pose": X, "axis": axis, "angle": 0.3, "centre": centre}
+    motion = turn | {"start_time": 0.2, "duration": 1.4}
+    return carry(cell.replace(arms=cell.arms | {"left": left}), name, motion=motion, duration=2.0), place
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.gate) for name in NAMES])
+def test_a_base_rounds_a_corner_to_its_stated_place(name):
+    """Its point is there in the end; the payload keeps to its path; rolling to rounding, books balance."""
+    scenario, place = rounding(name)
+    result = cp.run(scenario, warn=False)
+    position, force = moving_errors(result)
+    assert np.abs(slips(result)).max() < 1e-12
+    assert result.metrics()["energy_balance_max_J"] < 1e-5
+    assert position < 2e-3
+    assert force < 1.0
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
+    base, X_WB = scenario.cell.wheels["left"], scenario.cell.arms["left"].base.matrix
+    x, y, theta = result.data.shared_position.values[-1, :3]
+    b = X_WB @ (x + base.ahead * np.cos(theta), y + base.ahead * np.sin(theta), 0.0, 1.0)
+    over = scenario.payload_motion.at(2.0).X_WP_d @ (*place, 1.0)
+    away = np.linalg.solve(X_WB, b - over)[:2]
+    assert np.linalg.norm(away) < 2e-3
+    (finding,) = [each for each in carrier_findings(scenario) if "another base" in each.sentence]
+    assert finding.place == "cell.arms.right.mobile_base"
+
+
+def test_displacement_is_the_way_of_a_base_to_its_stated_place():
+    """D takes b over the place; that of the other base, which stays where it is on the payload, differs."""
+    for name in NAMES:
+        scenario, place = rounding(name)
+        arms, wheels = scenario.cell.arms, scenario.cell.wheels
+        b = arms["left"].base.matrix @ (wheels["left"].ahead, 0.0, 0.0, 1.0)
+        X_WB = arms["left"].base.matrix
+        for time in (1.7, 2.0):
+            moved = np.linalg.solve(X_WB, displacement(scenario, time) @ b)
+            over = np.linalg.solve(X_WB, scenario.payload_motion.at(time).X_WP_d @ (*place, 1.0))
+            assert_allclose(moved[:2], over[:2], rtol=0, atol=1e-9)
+        apart = displacement(scenario, 2.0) @ b - displacement(scenario, 2.0, "right") @ b
+        assert np.linalg.norm(apart) == pytest.approx(0.05, abs=1e-3)
 
 
 def test_the_law_of_a_base_linearises_the_motion_of_its_point():

@@ -19,7 +19,7 @@ from coop_pin.reference.quintic import quintic, quintic_integral
 _WHEEL = """
   <visual>
     <origin xyz="0 {y!r} {r!r}" rpy="1.5707963267948966 0 0"/>
-    <geometry><cylinder radius="{r!r}" length="{width!r}"/></geometry>
+    <geometry><cylinder radius="{r!r}" length="0.05"/></geometry>
     <material name="wheel"><color rgba="0.12 0.12 0.13 1"/></material>
   </visual>"""
 _CASTER = """
@@ -42,8 +42,6 @@ _PLATFORM = """
   <origin xyz="{base.ahead!r} 0 {z!r}"/><parent link="mobile_base"/><child link={root}/>
 </joint>
 """
-_WIDTH = 0.05
-"""Width of a wheel that is drawn, m."""
 
 
 class Steering(Description):
@@ -87,6 +85,25 @@ class Steering(Description):
         return up.value - down.value, area, up.rate - down.rate
 
 
+class PlaceOnPayload(Description):
+    """Stated place of a base on the payload: b goes there from where it starts, along a quintic.
+
+    Attributes:
+        place: point of the payload's frame over or under which b is then, m.
+        duration: time of the way there, s.
+        start_time: s.
+    """
+
+    place: Vector3
+    duration: Positive
+    start_time: NotNegative = 0.0
+
+    def points(self, time: float, start: Array) -> Array:
+        """Return point, rate and acceleration of b in the payload's frame at a time, s, shape (3, 3)."""
+        s = quintic(time, self.start_time, self.duration)
+        return np.outer((1.0, 0.0, 0.0), start) + np.outer(s, np.subtract(self.place, start))
+
+
 class PlanarCommand(NamedTuple):
     """Command of a differential base.
 
@@ -101,9 +118,11 @@ class PlanarCommand(NamedTuple):
 
 def _steering_or_name(value: object) -> object:
     if isinstance(value, str) and value not in ("parked", "hold", "payload"):
-        names = "'parked', 'hold', 'payload', or a table of speed, turn_rate and duration"
+        names = (
+            "'parked', 'hold', 'payload', or a table of speed, turn_rate and duration, or place and duration"
+        )
         raise FieldError(f"is {value!r}; it must be {names}")
-    return value
+    return PlaceOnPayload(**value) if isinstance(value, dict) and "place" in value else value
 
 
 class DifferentialBase(Description):
@@ -123,8 +142,8 @@ class DifferentialBase(Description):
 
     Attributes:
         drive: kind of the drive, "differential".
-        follow: reference of b: it stays with the "payload" where it starts, "hold" keeps it where it starts,
-            or a stated steering; a "parked" base is fixed.
+        follow: reference of b: it stays with the "payload" where it starts, or at a stated place of its
+            frame; "hold" keeps it where it starts, or a stated steering; a "parked" base is fixed.
         mass: mass of the platform with its wheels, kg, homogeneous.
         size: edges of the platform, m; it is drawn from the middle of the wheels up.
         centre: distance of the platform's middle ahead of the axle, m.
@@ -140,9 +159,9 @@ class DifferentialBase(Description):
     """
 
     drive: Literal["differential"] = "differential"
-    follow: Annotated[Literal["parked", "hold", "payload"] | Steering, BeforeValidator(_steering_or_name)] = (
-        "payload"
-    )
+    follow: Annotated[
+        Literal["parked", "hold", "payload"] | Steering | PlaceOnPayload, BeforeValidator(_steering_or_name)
+    ] = "payload"
     mass: Positive = 120.0
     size: Annotated[Vector3, AfterValidator(positive)] = (0.9, 0.6, 0.4)
     centre: float = 0.1
@@ -160,6 +179,11 @@ class DifferentialBase(Description):
     def is_driven(self) -> bool:
         """Whether it moves: whether it is not parked."""
         return self.follow != "parked"
+
+    @property
+    def follows_payload(self) -> bool:
+        """Whether its reference goes with the payload."""
+        return self.follow == "payload" or isinstance(self.follow, PlaceOnPayload)
 
     @property
     def to_wheels(self) -> Array:
@@ -187,33 +211,35 @@ class DifferentialBase(Description):
             time: s.
             X_WB: pose of the base at the start, shape (4, 4).
             way: desired motion of the payload.
-            begin: desired pose of the payload at the start, shape (4, 4).
+            begin: its pose at the start, shape (4, 4).
         """
-        start = np.array(((self.ahead, 0.0), (0.0, 0.0), (0.0, 0.0)))
         if isinstance(self.follow, Steering):
             return self._steered(self.follow, time)
-        if self.follow != "payload":
-            return start
-        R, b = X_WB[:3, :3], X_WB[:3, 3] + self.ahead * X_WB[:3, 0]
-        lever = way.X_WP_d[:3, :3] @ begin[:3, :3].T @ (b - begin[:3, 3])
+        if not self.follows_payload:
+            return np.array(((self.ahead, 0.0), (0.0, 0.0), (0.0, 0.0)))
+        R_B, R, b = X_WB[:3, :3], way.X_WP_d[:3, :3], X_WB[:3, 3] + self.ahead * X_WB[:3, 0]
+        on_payload = np.zeros((3, 3))
+        on_payload[0] = begin[:3, :3].T @ (b - begin[:3, 3])
+        if isinstance(self.follow, PlaceOnPayload):
+            on_payload = self.follow.points(time, on_payload[0])
+        lever, velocity, acceleration = on_payload @ R.T
         (v, omega), (a, alpha) = np.split(way.V_WP_d, 2), np.split(way.A_WP_d, 2)
-        turning = np.cross(omega, lever)
+        turning = np.cross(omega, lever) + velocity
         points = (
             way.X_WP_d[:3, 3] + lever - X_WB[:3, 3],
             v + turning,
-            a + np.cross(alpha, lever) + np.cross(omega, turning),
+            a + np.cross(alpha, lever) + np.cross(omega, turning + velocity) + acceleration,
         )
-        return (np.array(points) @ R)[:, :2]
+        return (np.array(points) @ R_B)[:, :2]
 
     def _steered(self, steering: Steering, time: float) -> Array:
         """Return what ``reference`` does of a steering: an arc, b ahead of its point on the axle."""
         (v, w), (s, area, rate), d = self.steered(steering), steering.profile(time), self.ahead
         theta = w * area
-        e, n = (math.cos(theta), math.sin(theta)), (-math.sin(theta), math.cos(theta))
+        along, across = np.array(((math.cos(theta), math.sin(theta)), (-math.sin(theta), math.cos(theta))))
         # (sin theta, 1 - cos theta) / w, of which the straight line is the limit
         chord = v * area * np.sinc(0.5 * theta / math.pi)
         axle = chord * np.array((math.cos(0.5 * theta), math.sin(0.5 * theta)))
-        along, across = np.array(e), np.array(n)
         velocity = s * (v * along + w * d * across)
         acceleration = rate * (v * along + w * d * across) + s * s * w * (v * across - w * d * along)
         return np.array((axle + d * along, velocity, acceleration))
@@ -264,7 +290,7 @@ class DifferentialBase(Description):
         require_no_names(urdf, ("mobile_base", "base_mount"))
         (x, y, height), r = self.size, self.wheel_radius
         inertia = [self.mass * (a * a + b * b) / 12.0 for a, b in ((y, height), (x, height), (x, y))]
-        sides = (_WHEEL.format(y=side * 0.5 * self.track, r=r, width=_WIDTH) for side in (1.0, -1.0))
+        sides = (_WHEEL.format(y=side * 0.5 * self.track, r=r) for side in (1.0, -1.0))
         ends = (self.centre + end * (0.5 * x - 0.5 * r) for end in (1.0, -1.0))
         casters = (_CASTER.format(x=end, r=0.5 * r) for end in ends if abs(end) > r)
         added = _PLATFORM.format(

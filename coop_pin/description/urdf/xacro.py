@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,9 +29,9 @@ def expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, s
     """Return the URDF of a xacro file, UTF-8, of at most a number of bytes.
 
     xacro evaluates Python expressions, in a process of its own with limits of time and memory. The files that
-    it reads (includes, YAML) must lie in the file's folder or in a package that ``$(find ...)`` finds;
-    environment variables count as not set. Packages are searched in the file's package folders and above the
-    file.
+    it reads (includes, YAML) must lie in the file's folder or in a package that ``$(find ...)`` finds; its
+    environment variables (``optenv``) are the arguments and no others. Packages are searched in the file's
+    package folders and above the file.
 
     Raises:
         MissingExtraError: xacrodoc is not installed.
@@ -78,21 +79,30 @@ def _expand(
     xacrodoc.packages.reset()
     xacrodoc.packages.update_package_cache({name: Path(folder) for name, folder in packages.items()})
     xacrodoc.packages.walk_up_from(Path(path))
-    _confine(xacrodoc.xacrodoc, [Path(root).resolve() for root in roots], largest)
-    # As an include, because a file read as text would not find its own relative includes.
-    document: Any = xacrodoc.XacroDoc.from_includes(
-        [escape(path)], name=Path(path).stem, subargs=arguments, resolve_packages=False
-    )
+    skipped = _confine(xacrodoc.xacrodoc, [Path(root).resolve() for root in roots], largest, arguments)
+    try:  # As an include, because a file read as text would not find its own relative includes.
+        document: Any = xacrodoc.XacroDoc.from_includes(
+            [escape(path)], name=Path(path).stem, subargs=arguments, resolve_packages=False
+        )
+    except Exception as error:
+        name = next((name for name in skipped if f"name '{name}' is not defined" in str(error)), None)
+        if name is None:
+            raise
+        advice = f"xacro skips <property> without its prefix: write <xacro:property> in {skipped[name]}"
+        raise ValueError(f"{error}; {advice}") from None
     urdf = bytes(document.dom.toxml(encoding="utf-8"))
     if len(urdf) > largest:
         raise ValueError(f"it expands to {len(urdf)} bytes; a URDF has at most {largest}")
     return urdf
 
 
-def _confine(xacrodoc: Any, allowed: list[Path], largest: int) -> None:
-    """Let xacro open only files below some folders and of its packages, and see an empty environment."""
+def _confine(xacrodoc: Any, allowed: list[Path], largest: int, arguments: dict[str, str]) -> dict[str, Path]:
+    """Let xacro open only files below some folders and of its packages, with arguments as environment.
+
+    Returned are, as files are read, the properties that lack the prefix of xacro's namespace, by name.
+    """
     xacro, substitutions = xacrodoc.xacro, xacrodoc.substitution_args
-    find = substitutions._eval_find
+    find, skipped = substitutions._eval_find, dict[str, Path]()
 
     def find_and_allow(package: str) -> str:
         folder = str(find(package))
@@ -110,11 +120,14 @@ def _confine(xacrodoc: Any, allowed: list[Path], largest: int) -> None:
             content = read_user_file(path, limit=largest, kind="a file of a xacro")
         except FileReadError as error:  # an optional include may be missing: xacro looks for an OSError
             raise error.__cause__ or error from None
-        return io.StringIO(content.decode("utf-8"))
+        text = content.decode("utf-8")
+        skipped.update(dict.fromkeys(re.findall(r"""<property\s+name=["'](\w+)""", text), path))
+        return io.StringIO(text)
 
     substitutions._eval_dict["find"] = substitutions._eval_find = find_and_allow
-    substitutions.os = SimpleNamespace(environ={}, path=os.path)
+    substitutions.os = SimpleNamespace(environ=arguments, path=os.path)
     xacro.open = open_allowed
+    return skipped
 
 
 if __name__ == "__main__":
