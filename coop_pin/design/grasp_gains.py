@@ -31,7 +31,7 @@ from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.closed_loop import eigenvalues
 from coop_pin.stability.sampled_stability import damping_rates, motion_stability
-from coop_pin.stability.step_size import step_stability
+from coop_pin.stability.step_stability import step_stability
 
 _KAPPA, _ALONG = 0.5, 0.9
 """T lambda of each arm alone at the start, and the largest along the motion; 2 is unstable."""

@@ -38,7 +38,7 @@ from coop_pin.stability.loop_stability import loop_stability
 from coop_pin.stability.regrasp import regrasp_gaps
 from coop_pin.stability.sampled_stability import motion_stability, start_stability
 from coop_pin.stability.steady_errors import anchor_biases, steady_errors
-from coop_pin.stability.step_size import step_stability
+from coop_pin.stability.step_stability import step_stability
 
 _LARGE_RECORD = 1e9
 """Memory of a record from which on it is a finding, bytes."""

@@ -7,7 +7,7 @@ Open first: ``sampled_stability`` (T lambda of the damping under zero-order hold
 - ``loop_stability`` (all gains along the motion), ``grasp_stability`` (grasps that give),
   ``admittance_stability`` (servos); ``sampled_motion`` is the loop that they share.
 - ``tick_map``, ``modes``: parts of them.
-- Integration: ``step_size`` (fewest steps by measured error; stability under friction and springs).
+- Integration: ``step_size`` (fewest steps by measured error), ``step_stability`` (friction, springs, stops).
 
 Imports ``base``, ``chain``, ``control``, ``description``, ``feasibility``, ``grasps``, ``model`` and
 ``simulation``.
@@ -30,7 +30,8 @@ from coop_pin.stability.sampled_stability import (
     start_stability,
 )
 from coop_pin.stability.steady_errors import SteadyErrors, anchor_biases, steady_errors
-from coop_pin.stability.step_size import StepSize, StepStability, fewest_steps, step_stability
+from coop_pin.stability.step_size import StepSize, fewest_steps
+from coop_pin.stability.step_stability import StepStability, step_stability
 
 __all__ = [
     "AdmittanceStability",

@@ -18,7 +18,7 @@ from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import NEUTRAL
 from coop_pin.stability.sampled_motion import closed_tick, sampled_motion
 from coop_pin.stability.sampled_stability import SampledStability, start_stability
-from coop_pin.stability.step_size import plant_matrix
+from coop_pin.stability.step_stability import plant_matrix
 
 _STIFFEST, _STRIDE, _FACTOR_ERROR = 1e5, 1.2, 1e-3
 """Largest factor of the stiffness that is tried, ratio of those tried below it, error of the one found."""

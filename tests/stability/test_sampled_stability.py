@@ -31,7 +31,7 @@ from coop_pin.stability import (
     step_stability,
 )
 from coop_pin.stability.sampled_stability import delayed_factor
-from coop_pin.stability.step_size import REAL_STABILITY
+from coop_pin.stability.step_stability import REAL_STABILITY
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
 
@@ -511,7 +511,8 @@ def test_the_elbow_drifts_as_fast_as_its_mode_says(stiffness):
 def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
     """Modes by hand: the second decays worst."""
     modules = [
-        importlib.import_module(f"coop_pin.stability.{name}") for name in ("sampled_stability", "step_size")
+        importlib.import_module(f"coop_pin.stability.{name}")
+        for name in ("sampled_stability", "step_stability")
     ]
     simulation, modes = Simulation(paper(), build_controller(paper())), np.eye(6)
     modes[:, 1] = (0.0, 0.4, 0.0, -1.0, 0.5, 0.2)
