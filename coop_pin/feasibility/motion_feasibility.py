@@ -30,7 +30,7 @@ from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.inverse_kinematics import ik_branches
-from coop_pin.model.joint_limits import PASSIVE, JointLimits
+from coop_pin.model.joint_limits import PASSIVE
 
 _NEARBY = 0.1
 """Distance of the joints to a configuration nearby, rad or m."""
@@ -184,23 +184,9 @@ def posture_margins(
         yield PostureMargin(
             reach.arm,
             1.0 - float(arm.used.max()),
-            position_margin(CellArm(scenario.cell, reach.arm).limits, reach.q),
+            CellArm(scenario.cell, reach.arm).limits.margin(reach.q),
             1.0 - float(reach.condition.max()) / scenario.trust.jacobian_condition,
         )
-
-
-def position_margin(limits: JointLimits, q: Array) -> float:
-    """Return the least distance to a position limit over half of the range.
-
-    Args:
-        limits: limits of the arm; only joints that limit the workspace count.
-        q: configurations, shape (n, nq), or one of them.
-    """
-    positions = limits.joints.of(q)
-    gap = np.minimum(positions - limits.lower, limits.upper - positions)
-    with np.errstate(invalid="ignore"):  # of joints without limits
-        part = gap / (0.5 * np.minimum(limits.upper - limits.lower, 2.0 * np.pi))
-    return float(np.where(limits.limited, part, 1.0).min())
 
 
 def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[str, ...]]:

@@ -73,6 +73,18 @@ class JointLimits:
         violation = positions - np.clip(positions, self.lower, self.upper)
         return np.where(np.abs(violation) > _ROUND_OFF, violation, 0.0)
 
+    def margin(self, q: Array) -> float:
+        """Return the least distance to a position limit over half of the range.
+
+        Args:
+            q: configurations, shape (n, nq), or one of them; only joints that limit the workspace count.
+        """
+        positions = self.joints.of(q)
+        gap = np.minimum(positions - self.lower, self.upper - positions)
+        with np.errstate(invalid="ignore"):  # of joints without limits
+            part = gap / (0.5 * np.minimum(self.upper - self.lower, 2.0 * np.pi))
+        return float(np.where(self.limited, part, 1.0).min())
+
     def clip(self, q: Array) -> Array:
         """Return q with the limited joints clipped to their limits, shape (nq,)."""
         return np.minimum(np.maximum(q, self._least), self._most)

@@ -18,7 +18,7 @@ from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.payload import Payload
 from coop_pin.design.placing.contacts import Contact, Shoulders
 from coop_pin.feasibility.cell_summary import maximum_reach
-from coop_pin.feasibility.motion_feasibility import joint_heights, position_margin
+from coop_pin.feasibility.motion_feasibility import joint_heights
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.ik_solver import IKSolver
 from coop_pin.model.pinocchio_model import frame_id
@@ -194,7 +194,7 @@ class ArmPlacement:
         """Return the configuration that holds the payload, and its margin; -inf if there is none."""
         solution = self._solver.solve(pin.SE3(X_BP @ X_PE), seed, steps=_STEPS)
         q = self._model.limits.wrap_near(solution.q, seed)
-        holds = solution.is_closed and position_margin(self._model.limits, q) > _IN_RANGE
+        holds = solution.is_closed and self._model.limits.margin(q) > _IN_RANGE
         if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
             holds = min(joint_heights(self._model, q).values()) >= 0.0
         return q, self._margin(q, X_BP) if holds else -np.inf
@@ -207,7 +207,7 @@ class ArmPlacement:
         tau = (model.nonlinear_effects(q, np.zeros(model.nv)) - J.T @ F) @ model.from_drive
         condition = float(np.linalg.cond(self._rows.select(J) @ model.from_drive))
         used = float((np.abs(tau) / model.limits.torque).max())
-        return min(1.0 - used, position_margin(model.limits, q), 1.0 - condition / CONDITION_LIMIT)
+        return min(1.0 - used, model.limits.margin(q), 1.0 - condition / CONDITION_LIMIT)
 
 
 def _tool_axis(model: ArmModel, q: Array) -> Array:
