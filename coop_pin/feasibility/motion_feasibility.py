@@ -36,14 +36,10 @@ _NEARBY = 0.1
 """Distance of the joints to a configuration nearby, rad or m."""
 _TORQUE_PART = 0.9
 """Part of the torque limit that holding may need: the rest is for the motion and its control."""
-_BRANCHES = 8
-"""Branches of each arm that are followed along the motion, the nearest to its posture."""
-_POSES = 41
-"""Largest number of poses on each branch."""
+_BRANCHES, _POSES = 8, 41
+"""Branches of each arm that are followed along the motion, the nearest to its posture, and most poses."""
 _NARROW, _OPENED = 0.1, 0.05
 """Part of a joint's range below which turns of the grasp are tried, and what they must open."""
-_APART = "move a base or turn a grasp, or take a smaller payload"
-"""What may keep bodies apart that postures do not."""
 _ROLLS = (np.pi, np.pi / 2.0, -np.pi / 2.0)
 """Turns of a grasp about its own z axis, rad."""
 
@@ -131,8 +127,10 @@ def _lighter(scenario: Scenario, statics: StaticTorques) -> str:
     """Return the mass that the drives can hold at these configurations, as advice."""
     part = min(part_held(arm.weight, arm.load, arm.limit) for arm in statics.arms)
     if not 0.0 < part < 1.0:
-        field = "<limit effort> in its URDF, or torque_limits of the arm"
-        return f"The arm's own weight is too much: correct {field}, or take a stronger arm or another posture"
+        limits = "<limit effort> in its URDF, or torque_limits of the arm"
+        return (
+            f"The arm's own weight is too much: correct {limits}, or take a stronger arm or another posture"
+        )
     mass = scenario.cell.payload.mass
     return f"Lower the payload's mass from {mass:g} to {math.floor(100.0 * part * mass) / 100.0:g} kg"
 
@@ -213,10 +211,10 @@ def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[
             tried, margin = _best_posture(_rolled(scenario, name, roll), name, count, bodies)
             if margin.position > max(stated.position, 0.0) + _OPENED and margin.least > stated.least:
                 best = tried
-                before = f"{max(100.0 * stated.position, 0.0):.0f}"
+                left, before = 100.0 * margin.position, max(100.0 * stated.position, 0.0)
+                sentence = f"grasp of {name} TURNED by {np.degrees(roll):.0f} degrees about its own z axis"
                 turned.append(
-                    f"grasp of {name} TURNED by {np.degrees(roll):.0f} degrees about its own z axis:"
-                    f" {100.0 * margin.position:.0f} % of the joint range are left, {before} % as stated"
+                    f"{sentence}: {left:.0f} % of the joint range are left, {before:.0f} % as stated"
                 )
                 break
         if best is None:
@@ -226,17 +224,12 @@ def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[
     along = bodies.along(scenario)
     if along is not None and not along.ok:
         kept = f"no postures were seen that keep the clearance of {1e3 * along.clearance:g} mm"
-        turned.append(f"distance: {kept}: {along.below[0]}; {_APART}")
+        turned.append(f"distance: {kept}: {along.below[0]}; move a base or grasp, or take a smaller payload")
     return scenario, tuple(turned)
 
 
 class _Bodies(NamedTuple):
-    """Bodies of a cell, and the reach of its arms on their present branches.
-
-    Attributes:
-        distances: distances of the bodies.
-        reaches: reach of each arm, with the same poses.
-    """
+    """Bodies of a cell, and the reach of its arms on their present branches, with the same poses."""
 
     distances: CellDistances
     reaches: dict[str, ArmReach]
