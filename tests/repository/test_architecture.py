@@ -151,7 +151,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"pandas", "xarray"},
     ),
     "figures": (
-        {"comparison", "description", "identification", "model", "results", "stability", "sweeps"},
+        {"comparison", "description", "identification", "results", "stability", "sweeps"},
         {"matplotlib", "xarray"},
     ),
     "viz": (
