@@ -9,7 +9,7 @@ lines, Pareto fronts), ``style`` (parts that all share).
 
 Names are loaded on first use: matplotlib takes its time, and ``palette`` does not need it.
 
-Imports ``base``, ``comparison``, ``description``, ``identification``, ``model``, ``results``, ``stability``
+Imports ``base``, ``comparison``, ``description``, ``identification``, ``results``, ``stability``
 and ``sweeps``.
 """
 

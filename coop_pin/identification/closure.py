@@ -34,6 +34,8 @@ BEYOND = 4.0
 """Prior standard deviations from which on an estimate is doubtful, and no prior tells it from others."""
 _UNSEEN = 0.1
 """Part of the prior's variance from which on the prior decides an estimate, too."""
+_REPEATS = 0.1
+"""Part of the usual step between stamps below which the second is left out."""
 _ALIGNS = 5
 """Most steps of the clocks alone before."""
 
@@ -100,7 +102,8 @@ class ViewClosure:
         self.deflections = {name: off for name, (off, _) in given.items()}
         self._springs = {name: (_smooth(off), sd) for name, (off, sd) in given.items()}
         splines = {name: _spline(record.arms[name]) for name in arms}  # a spring swings as its arm does
-        self._splines = {name: _smooth(one) if given else one for name, one in splines.items()}
+        self._smoothed = {name: _smooth(one) for name, one in splines.items()}
+        self._splines = self._smoothed if given else splines
         self.noise = noise or {
             name: position_noise(record.arms[name].position @ arm.drive.T) for name, arm in arms.items()
         }
@@ -135,10 +138,16 @@ class ViewClosure:
         return np.asarray(X @ slack)
 
     def joints(self, name: str, times: Array) -> tuple[Array, Array]:
-        """Return joint positions and velocities of an arm at times, shape (n, nv); its ends beyond them."""
-        spline = self._splines[name]
+        """Return joint positions and velocities of an arm at times, shape (n, nv); its ends beyond them.
+
+        From the nearest sample on by a smooth motion: the noise of an interpolation is less between samples,
+        and would draw clocks there.
+        """
+        spline, smooth = self._splines[name], self._smoothed[name]
         times = np.clip(times, spline.x[0], spline.x[-1])
-        return spline(times), spline(times, 1)
+        middles = (spline.x[1:] + spline.x[:-1]) / 2.0
+        nearest = spline.x[np.searchsorted(middles, times)]
+        return spline(nearest) + smooth(times) - smooth(nearest), smooth(times, 1)
 
     def turns(self, times: Array) -> Array:
         """Return how the parameters turn the view of the first arm, world axes, rad, shape (n, 3, p)."""
@@ -251,9 +260,11 @@ class ViewClosure:
 
 
 def _spline(record: ArmRecord) -> CubicSpline:
-    """Return the joint positions as functions of the arm's time; stamps that repeat are left out."""
+    """Return the joint positions as functions of the arm's time; stamps that all but repeat are left out."""
     time, kept = np.unique(record.time, return_index=True)
-    return CubicSpline(time, record.position[kept])
+    steps = np.diff(time, prepend=-np.inf)
+    is_new = steps > _REPEATS * float(np.median(steps))
+    return CubicSpline(time[is_new], record.position[kept][is_new])
 
 
 def _smooth(spline: CubicSpline) -> CubicSpline:

@@ -79,7 +79,10 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"chain", "control", "description", "feasibility", "grasps", "model", "simulation"},
         {"pinocchio", "scipy"},
     ),
-    "logs": ({"description", "model", "results"}, {"mcap", "mcap_ros2", "pandas", "pyarrow", "scipy"}),
+    "logs": (
+        {"description", "model", "results"},
+        {"mcap", "mcap_ros2", "pandas", "pinocchio", "pyarrow", "scipy"},
+    ),
     "identification": (
         {"compiled", "description", "grasps", "logs", "model", "results", "simulation"},
         {"pinocchio", "scipy"},
@@ -148,7 +151,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"pandas", "xarray"},
     ),
     "figures": (
-        {"comparison", "description", "identification", "model", "results", "stability", "sweeps"},
+        {"comparison", "description", "identification", "results", "stability", "sweeps"},
         {"matplotlib", "xarray"},
     ),
     "viz": (
