@@ -15,7 +15,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
-import collada
 import numpy as np
 from numpy.typing import NDArray
 
@@ -79,6 +78,8 @@ def colour_of(shares: Iterable[float]) -> Colour:
 
 def _collada(path: Path) -> list[_Part]:
     """Return points, triangles and colour of every part of a COLLADA file."""
+    import collada  # loads pictures and dates, too, of which most runs read nothing
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PendingDeprecationWarning)  # pycollada uses numpy's matrices
         scene = collada.Collada(str(path), ignore=[collada.common.DaeError]).scene

@@ -206,7 +206,9 @@ def stability_findings(
     elif scenario.cell.unclosed:
         grasps = grasp_stability(simulation)
         yield _of("grasp stability", "controller.gains", grasps, grasps.radius, 1.0)
-        if not along and {"model", "regressor"} & {*scenario.controller.needs}:  # it knows their damping only
+        law: Any = scenario.controller
+        is_part = {"model", "regressor"} & {*law.needs} or law.kind == "prescribed-performance"
+        if not along and is_part:  # it knows the damping of these laws only
             yield from _closed_loop(scenario)
     else:
         is_along = along and reach is not None
