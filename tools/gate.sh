@@ -19,9 +19,6 @@ setup_environment test,docs
 setup_browser
 stage "format" ruff format --check .
 stage "lint" ruff check .
-echo "== tests, notebooks, examples, pages"
-"$VENV_PYTHON" -m pytest -n auto --dist worksteal -q -m "not slow" </dev/null &
-tests=$!
-stage "types" mypy || { kill "$tests"; exit 1; } # beside the tests: alone it would leave all cores but one idle
-wait "$tests"
+stage "types" mypy
+stage "tests, notebooks, examples, pages" pytest -n auto --dist worksteal -q -m "not slow"
 echo "== gate passed"
