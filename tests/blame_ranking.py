@@ -121,7 +121,7 @@ def is_first(culprit, answer):
 
 def ranks(kind, part, seed, costs, load):
     """Of 20 sound draws: whether the culprit is first, and whether the first cause names both arms."""
-    sound = itertools.islice(answers(kind, part, range(seed, seed + 24), costs, load), 20)
+    sound = itertools.islice(answers(kind, part, range(seed, seed + 32), costs, load), 20)
     return [(is_first(culprit, answer), len(answer.causes[0].arms) == 2) for culprit, answer in sound]
 
 
