@@ -98,12 +98,12 @@ class ViewClosure:
         self.arms, self.rows = arms, next(iter(arms.values())).rows
         self.springs = springs or {}
         read = {name: one for name, one in self.springs.items() if len(record.arms[name].wrench_time)}
-        given = {name: deflection(record.arms[name], one, record.free) for name, one in read.items()}
-        self.deflections = {name: off for name, (off, _) in given.items()}
-        self._springs = {name: (_smooth(off), sd) for name, (off, sd) in given.items()}
+        by_spring = {name: deflection(record.arms[name], one, record.free) for name, one in read.items()}
+        self.deflections = {name: off for name, (off, _) in by_spring.items()}
+        self._springs = {name: (_smooth(off), sd) for name, (off, sd) in by_spring.items()}
         splines = {name: _spline(record.arms[name]) for name in arms}  # a spring swings as its arm does
         self._smoothed = {name: _smooth(one) for name, one in splines.items()}
-        self._splines = self._smoothed if given else splines
+        self._splines = self._smoothed if by_spring else splines
         self.noise = noise or {
             name: position_noise(record.arms[name].position @ arm.drive.T) for name, arm in arms.items()
         }

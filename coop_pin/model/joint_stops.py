@@ -148,7 +148,7 @@ class CellStops:
     def __iter__(self) -> Iterator[tuple[ArmPlace | LinkedPayload, JointStops]]:
         """Yield the stops of each arm that has any, and of the payload, and the place of their joints."""
         pairs = zip(self._places, self._stops, strict=True)
-        yield from ((place, stops) for place, stops in pairs if stops is not None)
+        yield from ((slot, stops) for slot, stops in pairs if stops is not None)
 
     @property
     def arms(self) -> list[JointStops | None]:
@@ -158,21 +158,21 @@ class CellStops:
     def damp(self, mobility: Array) -> None:
         """Set the damping, by the mobility of each joint, shape (nv,)."""
         pairs = zip(self._places, self._stops, strict=True)
-        self._stops = [stops and stops.damped(mobility[place.v_slice]) for place, stops in pairs]
+        self._stops = [stops and stops.damped(mobility[slot.v_slice]) for slot, stops in pairs]
 
     def rates(self, mobility: Array) -> Array:
         """Return sqrt(k W) of each joint on its stop, 1/s, shape (nv,)."""
         rates = np.zeros(self._nv)
-        for place, stops in self:
-            rates[place.v_slice] = np.sqrt(stops.stiffness * np.maximum(mobility[place.v_slice], _STUCK))
+        for slot, stops in self:
+            rates[slot.v_slice] = np.sqrt(stops.stiffness * np.maximum(mobility[slot.v_slice], _STUCK))
         return rates
 
     def state(self, q: Array, v: Array) -> StopState:
         """Return the stops at a state of the tree; forces of shape (nv,)."""
         force, energy, power = np.zeros(self._nv), 0.0, 0.0
-        for place, state in zip(self._places, self._states(q, v), strict=True):
+        for slot, state in zip(self._places, self._states(q, v), strict=True):
             if state is not None:
-                force[place.v_slice] = state.force
+                force[slot.v_slice] = state.force
                 energy, power = energy + float(state.energy), power + float(state.power)
         return StopState(force, energy, power)
 
@@ -180,7 +180,7 @@ class CellStops:
         """Return what is observed of the stops at a state, by name; nothing where there are none."""
         states = self._states(q, v)
         values = stop_quantities(
-            states[: self._arms], [len(place.angles.names) for place in self._places[: self._arms]]
+            states[: self._arms], [len(slot.angles.names) for slot in self._places[: self._arms]]
         )
         if self:
             values["stop_energy"] = sum(state.energy for state in states if state is not None)

@@ -179,11 +179,11 @@ def _stop_steps_at(simulation: Simulation, time: float, q: Array) -> list[StepSt
     """
     chain, stabilities = simulation.chain, list[StepStability]()
     rates = chain.stops.rates(chain.joint_mobility(q))
-    for place, stops in chain.stops:
-        cause, hit = ("payload stops", _PAYLOAD_HIT) if place is chain.model.linked else ("end stops", _HIT)
-        limits = hit / np.maximum(1.0, 2.0 * stops.damping_ratio) * np.ones(len(place.angles.names))
-        worst, stability = _worst(simulation, time, rates[place.v_slice], limits, cause)
-        joint = place.angles.names[worst].replace("payload.", "payload/")
+    for slot, stops in chain.stops:
+        cause, hit = ("payload stops", _PAYLOAD_HIT) if slot is chain.model.linked else ("end stops", _HIT)
+        limits = hit / np.maximum(1.0, 2.0 * stops.damping_ratio) * np.ones(len(slot.angles.names))
+        worst, stability = _worst(simulation, time, rates[slot.v_slice], limits, cause)
+        joint = slot.angles.names[worst].replace("payload.", "payload/")
         stabilities.append(stability._replace(joints=(joint,)))
     return stabilities
 

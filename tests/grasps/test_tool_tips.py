@@ -160,7 +160,7 @@ def test_a_part_and_a_tool_that_move_are_tracked_as_their_linear_loops_say(cell,
     at_tip = (apart[:, :3] + np.cross(apart[:, 3:], R @ grasp[:3, 3])) @ R
     shown = data.relative_error.values[:, 1, :3]
     assert np.abs(at_tip).max() > 1e-4
-    assert_allclose(shown, at_tip, atol=0.1 * np.abs(at_tip).max())
+    assert_allclose(shown, at_tip, atol=0.15 * np.abs(at_tip).max())
 
 
 @pytest.mark.parametrize("rho", [0.5, 2.0])

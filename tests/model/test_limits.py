@@ -6,7 +6,7 @@ from cells import catalogue_cell, planar_scenario
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import DivergedError, FieldError, ShapeError
+from coop_pin.base.errors import CommandError, DivergedError, FieldError, ShapeError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.control import CellController
 from coop_pin.control.controller import CellCommand
@@ -216,7 +216,7 @@ def test_the_papers_torques_pass_untouched():
 
 def test_torques_that_do_not_fit_are_refused_with_the_arms_name():
     cell, X_WP = catalogue_cell("panda-ur5-bar")
-    with pytest.raises(ShapeError, match="torque of arm 'right'"):
+    with pytest.raises(CommandError, match="torque of arm 'right'"):
         run(cell, X_WP, lambda _: [np.zeros(7), np.zeros(7)])
     with pytest.raises(ShapeError, match="list of torque commands"):
         run(cell, X_WP, lambda _: [np.zeros(7)])

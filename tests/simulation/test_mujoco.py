@@ -296,7 +296,8 @@ def test_with_hinges_and_balls_accelerations_and_wrenches_are_those_of_a_regular
         for number, (F, (J_C, R)) in enumerate(zip(on_tips, of_C, strict=True)):
             at_C = np.concatenate((R @ F.linear, R @ F.angular))
             torques = J[np.equal(of_rows, number)].T @ parts[1][np.equal(of_rows, number)]
-            assert_allclose(J_C.T @ at_C, torques, rtol=0.0, atol=1e-7 * abs(torques).max())
+            # in a plane rows of points repeat each other: R alone divides the force among them
+            assert_allclose(J_C.T @ at_C, torques, rtol=0.0, atol=1e-6 * abs(torques).max())
         mobility = J @ np.linalg.solve(M, J.T)
         rigid = np.linalg.lstsq(mobility, pull - J @ np.linalg.solve(M, tau - h), rcond=1e-10)[0]
         softness = max(softness, abs(J.T @ (rigid - parts[1])).max() / abs(J.T @ parts[1]).max())

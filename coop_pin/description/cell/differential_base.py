@@ -211,7 +211,7 @@ class DifferentialBase(Description):
             time: s.
             X_WB: pose of the base at the start, shape (4, 4).
             way: desired motion of the payload.
-            begin: its pose at the start, shape (4, 4).
+            begin: pose of the payload at the start, shape (4, 4).
         """
         if isinstance(self.follow, Steering):
             return self._steered(self.follow, time)
