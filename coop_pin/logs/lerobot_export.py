@@ -61,18 +61,18 @@ def write_episodes(results: Iterable[RunResult], folder: str | Path) -> int:
         MissingExtraError: the extra 'lerobot' is not installed.
     """
     with needs_extra("pyarrow", "lerobot", "to write LeRobot episodes"):
+        import pandas as pd  # slow to load
         import pyarrow as pa
         from pyarrow import parquet
     episodes = _episodes(results)
     ends = np.cumsum([episode.time.size for episode in episodes])
     tasks = {task: index for index, task in enumerate(dict.fromkeys(episode.task for episode in episodes))}
     columns = _columns(episodes, tasks)
-    of_tasks = pa.table({"task_index": [*tasks.values()], "task": [*tasks]})
-    pandas = {"index_columns": ["task"], "column_indexes": [], "columns": [], "pandas_version": "2.0.0"}
+    of_tasks = pd.DataFrame({"task_index": [*tasks.values()]}, index=pd.Index([*tasks], name="task"))
     tables = {
         f"data/{_FIRST}": pa.table({name: _column(pa, values) for name, values in columns.items()}),
         f"meta/episodes/{_FIRST}": pa.Table.from_pylist(_places(episodes, ends)),
-        "meta/tasks.parquet": of_tasks.replace_schema_metadata({"pandas": json.dumps(pandas)}),
+        "meta/tasks.parquet": pa.Table.from_pandas(of_tasks),
     }
     texts = {
         "info.json": _info(episodes, int(ends[-1]), len(tasks)),

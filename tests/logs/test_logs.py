@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import coop_pin as cp
@@ -282,6 +283,9 @@ def test_runs_leave_as_episodes_of_lerobot(run, tmp_path):
         tmp_path / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
     ).to_pylist()
     assert [one["dataset_to_index"] for one in episodes] == [n, 2 * n]
+    tasks = pd.read_parquet(tmp_path / "meta" / "tasks.parquet")
+    assert tasks.task_index.to_dict() == {run.scenario.summary: 0}
+    assert tasks.index.name == "task"
     with pytest.raises(ArgumentError):
         write_episodes([], tmp_path)
 
