@@ -309,7 +309,7 @@ def test_switches_and_properties_of_a_xacro_are_told_with_remedies_that_work(tmp
 @pytest.mark.slow
 def test_a_motion_that_asks_for_most_of_what_the_task_allows_is_slowed():
     """At the whole speed 0.067 N m were to be expected, and the run has 0.11 of the 0.1 that are allowed."""
-    suggested = cp.new_cell(["b1-z1", "b1-z1"], mass=1.79, squeeze=11.9)
+    suggested = cp.new_cell(["b1-z1", "b1-z1"], mass=1.79, squeeze=11.9, grasp="sides")
     assert suggested.scenario.motion.duration == 6.0
     assert "half the speed" in suggested.changes[-1]
     result = cp.run(suggested.scenario, warn=False, engine="compiled")
