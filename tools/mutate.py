@@ -50,40 +50,34 @@ EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
 PLANTED = Path(__file__).with_name("planted_faults.toml")
 FLOOR = 0.95
 TESTS = {
-    "base": "internal_wrench_definitions payload_space spatial",
-    "compiled": "adversaries batch batch_laws batch_sensing c_export engines gravity_turn"
-    " reference_plant sweep_batch traced_springs tracing",
-    "chain": "closed_chain closures integrators mechanisms projection reference_plant sizes traced_springs",
-    "cli": "cli messages strangers_code sweep_cli terminal",
-    "comparison": "benchmarks compare comparison_figures",
-    "control": "baseline_laws bounds interface payload_space redundant_sliding_mode sensing sliding_mode",
-    "description": "adept_urdf bring_your_own catalogue delays errors friction_grasps gravity_turn"
-    " known_before network pick_and_place robots_as_files scenario urdf_check urdf_files",
-    "design": "carry_optimum carry_plan new_cell own_inertia random_cells suggestion",
-    "environment": "environment environment_arguments stepping",
-    "feasibility": "cell_summary distances friction_margins internal_moment reachability statics suggestion",
-    "figures": "comparison_figures figures sweep_figures",
-    "grasps": "cell_chain compliant_grasps contact_patches friction_cones friction_grasps grasp_events"
-    " joint_grasps partner reference_plant rigid_grasps traced_springs",
-    "identification": "blame",
-    "logs": "logs",
-    "model": "arm_model branches ik_solver inverse_kinematics limits",
-    "model_based": "batch_laws compare model_based",
-    "proof": "over_alpha theorem_monitor",
-    "reference": "joint_motion motion reference",
-    "results": "internal_wrench_definitions metrics results trust user_files",
-    "running": "check consistency known_before plausibility",
-    "simulation": "actuators batch_sensing grasp_events gravity_turn invariants mujoco network plant realtime"
-    " reference_plant sensing servo simulation sizes stepping",
-    "stability": "closed_loop forecast loaded_grasps network product_over_histories regrasp sampled_stability"
-    " steady_errors step_size",
-    "sweeps": "cases edited_laws feasible_runs sweep_batch sweep_code sweep_engine sweep_plan sweep_result"
-    " sweep_store sweep_template tune",
-    "tracing": "batch batch_laws c_export sweep_batch tracing",
-    "viz": "explorer export live_view live_widget report viz",
-    "zoo": "zoo",
+    "base": "internal_wrench_definitions payload_space",
+    "compiled": "gravity_turn reference_plant sweep_batch traced_springs tracing",
+    "chain": "reference_plant sizes traced_springs",
+    "cli": "",
+    "comparison": "benchmarks",
+    "control": "interface sensing",
+    "description": "errors friction_grasps gravity_turn known_before network pick_and_place",
+    "design": "",
+    "environment": "stepping",
+    "feasibility": "friction_margins suggestion",
+    "figures": "comparison_figures sweep_figures",
+    "grasps": "",
+    "identification": "",
+    "logs": "",
+    "model": "",
+    "model_based": "batch_laws compare",
+    "proof": "",
+    "reference": "",
+    "results": "internal_wrench_definitions user_files",
+    "running": "",
+    "simulation": "batch_sensing grasp_events reference_plant",
+    "stability": "network",
+    "sweeps": "",
+    "tracing": "batch batch_laws c_export sweep_batch",
+    "viz": "",
+    "zoo": "",
 }
-"""Test files that are run for each package; others hardly judge it, and take longer."""
+"""Test files that are run for each package besides those of its own folder."""
 LONGEST = 8.0
 """Processor time of a test, with its lines counted, beyond which it is not used, s."""
 
@@ -564,6 +558,17 @@ def run_pytest(files: Iterable[str], plugin: object) -> None:
     pytest.main([*quiet, "-W", "ignore::pytest.PytestAssertRewriteWarning", *files], plugins=[plugin])
 
 
+def _test_files(names: Iterable[str], packages: Iterable[str]) -> list[str]:
+    """Return the test files of these names, or, without any, those that judge packages."""
+    files = {file.stem: str(file) for file in Path("tests").rglob("test_*.py")}
+    if names:
+        return sorted(files[f"test_{name}"] for name in set(names))
+    others = {files[f"test_{name}"] for package in packages for name in TESTS[package].split()}
+    return sorted(
+        others.union(str(file) for one in packages for file in Path("tests", one).glob("test_*.py"))
+    )
+
+
 def measured_run(chosen: list[Mutant], tests: str, budget: float, workers: int, verbose: bool) -> MutationRun:
     """Return a finished mutation run, with the tests of the packages, or with others."""
     run = MutationRun(chosen, budget, workers, verbose)
@@ -577,9 +582,7 @@ def measured_run(chosen: list[Mutant], tests: str, budget: float, workers: int, 
     with executed_lines(run.files) as run.at_import:
         for file in run.files:
             importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
-        tests = tests or " ".join(TESTS[package] for package in {mutant.package for mutant in chosen})
-        files = {file.stem: str(file) for file in Path("tests").rglob("test_*.py")}
-        run_pytest([files[f"test_{name}"] for name in sorted(set(tests.split()))], run)
+        run_pytest(_test_files(tests.split(), {mutant.package for mutant in chosen}), run)
     return run
 
 
