@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
+from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
 from coop_pin.base.errors import (
@@ -24,7 +25,7 @@ pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env
 
 from coop_pin.environment.cell_env import CellEnv
-from coop_pin.environment.task import Task
+from coop_pin.environment.task import EpisodeSeeds, Task
 from coop_pin.environment.vector_cell_env import VectorCellEnv
 
 EXACT = {"dtype": "float64"}
@@ -177,6 +178,67 @@ def test_without_an_action_it_is_the_run_of_the_scenario(name):
     rewards = [env.step(np.zeros(env.action_space.shape))[1] for _ in range(len(result.data.time) - 1)]
     expected = -np.abs(result.data.internal_axial_error.values).max(axis=1)[1:]
     np.testing.assert_allclose(rewards, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_observations_and_rewards_are_those_of_the_record(name):
+    """Joints now; errors of pose, twist and internal wrenches, turned into payload axes, of the last tick."""
+    scenario = cell(name, {"sensors.encoder": {"noise": 1e-4}})
+    weights = {"position_error_m": 2.0, "orientation_error_rad": 3.0, "internal_shear_error_N": 5.0}
+    env = CellEnv(scenario, Task(rewards=weights, ticks=1, **EXACT))
+    record = cp.simulate(scenario, build_controller(scenario)).data
+    seen, rewards, is_last = [env.reset()[0]], [], False
+    while not is_last:
+        observation, reward, _, is_last, _ = env.step(np.zeros(env.action_space.shape))
+        seen.append(observation)
+        rewards.append(reward)
+    R_WP = Rotation.from_quat(record.payload_quaternion.values)
+    assert np.abs(R_WP[-1].as_rotvec()).max() > 0.1
+    error = np.nan_to_num(record.internal_wrench - record.desired_internal_wrench)
+    turned = [
+        R_WP.inv().apply(part.reshape(-1, 3)[arm :: error.shape[1]])
+        for arm in range(error.shape[1])
+        for part in (error[..., :3], error[..., 3:])
+    ]
+    pose = record.pose_error.values
+    expected = np.hstack((pose, record.payload_twist - record.desired_twist, *turned))
+    count = expected.shape[1]
+    np.testing.assert_allclose(np.array(seen)[:, -count:], expected, rtol=0, atol=1e-9)
+    joints = np.array(seen)[:-1, :-count].reshape(len(seen) - 1, 2, -1)
+    for now, field in zip(np.swapaxes(joints, 0, 1), ("joint_position", "joint_velocity"), strict=True):
+        np.testing.assert_allclose(now, record[field].values[1:].reshape(len(now), -1), rtol=0, atol=1e-12)
+    sizes = np.linalg.norm(pose[:, :3], axis=1), np.linalg.norm(pose[:, 3:], axis=1)
+    sizes = (*sizes, np.abs(record.internal_shear_error.values).max(axis=1))
+    costs = sum(weight * size for weight, size in zip(weights.values(), sizes, strict=True))
+    np.testing.assert_allclose(rewards, -costs[1:], rtol=1e-12)
+
+
+def test_the_last_action_ends_with_the_run():
+    env, is_last = CellEnv(cell("planar"), Task(ticks=5)), False
+    env.reset()
+    while not is_last:
+        is_last = env.step(np.zeros(env.action_space.shape))[3]
+    assert env.simulation.ticks_done == env.simulation.timeline.ticks + 1
+
+
+def test_one_lane_is_the_default_and_is_a_single_run():
+    scenario, task = cell("planar"), Task(ticks=2, **EXACT)
+    lanes, env = VectorCellEnv(scenario, task), CellEnv(scenario, task)
+    assert lanes.num_envs == 1
+    action = np.full(env.action_space.shape, 0.3)
+    pairs = [(lanes.reset()[0], env.reset()[0]), (lanes.step(action[None])[0], env.step(action)[0])]
+    for many, one in pairs:
+        np.testing.assert_allclose(many, one[None], rtol=0, atol=1e-9)
+        assert lanes.observation_space.contains(many)
+        assert lanes.single_observation_space.contains(many[0])
+
+
+def test_seeds_of_episodes_are_drawn_from_62_bits():
+    seeds = EpisodeSeeds(3)
+    drawn = [seeds.following() for _ in range(200)]
+    assert drawn[0] == 3
+    assert len(set(drawn)) == 200
+    assert min(drawn) < 2**61 < max(drawn) < 2**62
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
