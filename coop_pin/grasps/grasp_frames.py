@@ -40,6 +40,7 @@ class GraspFrames:
             frames[frame_id(tree.model, f"payload/{arm.name}")] for arm in tree.arms
         ]
         self.velocity = self.acceleration = np.empty(0)
+        self._has_rotors = bool(self._model.armature.any())
         self.welded = [number for number, arm in enumerate(tree.arms) if arm.name in tree.closed_by_tree]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -93,5 +94,5 @@ class GraspFrames:
 
     def energies(self) -> tuple[float, float]:
         """Return kinetic and potential energy of arms and payload at the last motion, J."""
-        kinetic = kinetic_energy(self._model, self._data, self.velocity)
+        kinetic = kinetic_energy(self._model, self._data, self.velocity, has_rotors=self._has_rotors)
         return kinetic, pin.computePotentialEnergy(self._model, self._data)
