@@ -182,7 +182,7 @@ def _stated_hands(scenario: Scenario) -> dict[str, Array]:
 
 
 def hand_weight(scenario: Scenario, arm: CellArm, position: Array, fit: Fit | None = None) -> Array:
-    """Return the weight of the hand behind a wrist in axes of the tip, as stated or found, shape (n, 6)."""
+    """Return the weight of the hand behind a wrist in axes of the tip, stated or estimated, shape (n, 6)."""
     hand = _stated_hands(scenario).get(arm.name)
     if hand is None:
         return np.zeros((len(position), 6))

@@ -143,7 +143,7 @@ class CellStops:
 
     def __bool__(self) -> bool:
         """Return whether there are stops."""
-        return any(stops is not None for stops in self._stops)
+        return any(self._stops)
 
     def __iter__(self) -> Iterator[tuple[ArmPlace | LinkedPayload, JointStops]]:
         """Yield the stops of each arm that has any, and of the payload, and the place of their joints."""

@@ -1,4 +1,4 @@
-"""Grasp of an arm on the payload: rigid, a joint, a spring and damper, or a patch; and a tool beside it."""
+"""Grasp of an arm on the payload: rigid, a joint, a spring and damper, or a patch; tools without grasp."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class JointGrasp(Pose):
 
 
 class ToolTip(Pose):
-    """Tip of an arm that holds nothing of the payload, but works on it: a tool beside the part.
+    """Tip of an arm that holds nothing of the payload, but works on it: a tool.
 
     It closes no loop and bears no load. Its arm sees the payload where its tip would hold it, at X_PE.
 

@@ -256,7 +256,7 @@ class HeldPayload(Description):
 
     @property
     def splits_load(self) -> bool:
-        """Whether ``loads_within`` splits the load: beside joints, or of a payload with a base."""
+        """Whether ``loads_within`` splits the load: with joints as grasps, or of a payload with a base."""
         links = self.payload.links
         return bool(self.jointed or (links is not None and links.base is not None))
 
