@@ -146,13 +146,7 @@ def suggest(
     require_type("scenario", scenario, Scenario)
     poses = as_fitting_count("poses", poses, 5, POSE_SIZE)
     if scenario.cell.driven:
-        seen = suggest(seen_by_arms(scenario), poses=poses, table_error=table_error)
-        arms = {
-            name: arm.replace(mobile_base=scenario.cell.arms[name].mobile_base)
-            for name, arm in seen.scenario.cell.arms.items()
-        }
-        cell = seen.scenario.cell.replace(shared_joints=scenario.cell.shared_joints, arms=arms)
-        return replace(seen, scenario=seen.scenario.replace(cell=cell, motion=scenario.motion))
+        return _for_driven(scenario, poses, table_error)
     cell, pressed = scenario.cell, tuple[str, ...]()
     if cell.jointed or cell.payload.links is not None:
         return _for_joints(scenario, poses)
@@ -204,6 +198,17 @@ def suggest(
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {sampled_stability(suggested).summary()}",
     )
     return Suggestion(suggested, proposal, lines, (*changes, *pressed), errors)
+
+
+def _for_driven(scenario: Scenario, poses: int, table_error: float) -> Suggestion:
+    """Return a proposal for arms on shared joints or rolling bases; arguments as of ``suggest``."""
+    proposal = suggest(seen_by_arms(scenario), poses=poses, table_error=table_error)
+    arms = {
+        name: arm.replace(mobile_base=scenario.cell.arms[name].mobile_base)
+        for name, arm in proposal.scenario.cell.arms.items()
+    }
+    cell = proposal.scenario.cell.replace(shared_joints=scenario.cell.shared_joints, arms=arms)
+    return replace(proposal, scenario=proposal.scenario.replace(cell=cell, motion=scenario.motion))
 
 
 def _for_tools(scenario: Scenario, poses: int) -> Suggestion:
