@@ -119,7 +119,7 @@ class ClosedKinematics:
         """Return kinetic and potential energy, J."""
         q, v = self._q(q), self._v("v", v)
         pin.forwardKinematics(self.model, self._data, q, v)
-        kinetic = kinetic_energy(self.model, self._data, v)
+        kinetic = kinetic_energy(self.model, self._data, v, has_rotors=bool(self.model.armature.any()))
         return Energy(kinetic, float(pin.computePotentialEnergy(self.model, self._data, q)))
 
     def closure_errors(self, q: ArrayLike) -> list[ClosureError]:

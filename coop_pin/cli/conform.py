@@ -1,4 +1,4 @@
-"""Command ``conform``: closed forms beside several engines."""
+"""Command ``conform``: closed forms against several engines."""
 
 from __future__ import annotations
 

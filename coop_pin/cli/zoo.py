@@ -1,4 +1,4 @@
-"""Command ``zoo``: claims of papers beside runs."""
+"""Command ``zoo``: claims of papers against runs."""
 
 from __future__ import annotations
 

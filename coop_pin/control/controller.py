@@ -260,7 +260,7 @@ class DecentralisedController(CellController):
 
     def _for_arms(self, functions: Sequence[Callable[..., Any]], *inputs: Sequence[Any]) -> list[Any]:
         """Return the results of all arms; errors get the name of the arm, which its controller lacks."""
-        results = list[Any]()
+        results: list[Any] = []
         try:
             for function, arguments in zip(functions, zip(*inputs, strict=True), strict=True):
                 results.append(function(*arguments))

@@ -1,4 +1,4 @@
-"""Memory of a user's law beside its state, which a run that returns to an earlier tick brings back."""
+"""Memory of a user's law outside its state, which a run that returns to an earlier tick brings back."""
 
 from __future__ import annotations
 

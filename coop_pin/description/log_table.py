@@ -1,4 +1,4 @@
-"""Table of a log: which topic is which arm, signs, units, and what is known beside it."""
+"""Table of a log: which topic is which arm, signs, units, and further knowledge."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ArmLog(Description):
 
 
 class LogTable(Description):
-    """Topics of a log, its units, and what is known beside it.
+    """Topics of a log, its units, and further knowledge.
 
     Attributes:
         arms: topics of every arm.

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array, require_path, require_type
 from coop_pin.base.errors import one_or_all
-from coop_pin.base.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
+from coop_pin.base.schema.base import Description, Name, Positive, Text, Vector
 from coop_pin.base.schema.changes import changed_caption, differences
 from coop_pin.base.schema.delay import in_ticks
 from coop_pin.base.schema.parts import fields_of
@@ -96,13 +96,6 @@ class Scenario(Description):
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 
-    @field_validator("start_angles")
-    @classmethod
-    def _angles_for_every_arm(cls, angles: dict[str, Any], earlier: ValidationInfo) -> dict[str, Any]:
-        if angles and "cell" in earlier.data:
-            check_arm_names(angles, earlier.data["cell"].arms)
-        return angles
-
     @field_validator("controller")
     @classmethod
     def _suits_the_cell(cls, controller: Controller, earlier: ValidationInfo) -> Controller:
@@ -110,23 +103,12 @@ class Scenario(Description):
             raise one_or_all(problems, "the controller")
         return controller
 
-    @field_validator("squeeze")
+    @field_validator("start_angles", "squeeze", "log")
     @classmethod
-    def _names_the_arms(cls, squeeze: Squeeze, earlier: ValidationInfo) -> Squeeze:
-        if "cell" in earlier.data:
-            cell = earlier.data["cell"]
-            squeeze.check_arms(cell.grasps)
-            if cell.jointed:
-                cell.require_transmitted(squeeze.at(0.0, cell.grasps))
-        return squeeze
-
-    @field_validator("log")
-    @classmethod
-    def _logs_every_arm(cls, log: LogTable | None, earlier: ValidationInfo) -> LogTable | None:
-        if log is not None and "cell" in earlier.data:
-            check_arm_names(log.arms, earlier.data["cell"].arms, "arms")
-            check_arm_names(log.shares or log.arms, earlier.data["cell"].arms, "shares")
-        return log
+    def _names_the_arms(cls, value: Any, earlier: ValidationInfo) -> Any:
+        if value and "cell" in earlier.data:
+            scenario_checks.check_arms(value, earlier.data["cell"])
+        return value
 
     @field_validator("feed_forward")
     @classmethod

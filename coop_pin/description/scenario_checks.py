@@ -6,18 +6,42 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from coop_pin.base.errors import FieldError
-from coop_pin.base.schema.base import unknown_arms
+from coop_pin.base.schema.base import check_arm_names, unknown_arms
 from coop_pin.control import CellTiming
 from coop_pin.control.bounds import ForcePath, SampledWrist
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.controller import Controller
 from coop_pin.description.grasp_events import GraspEvent, sequence_problems
+from coop_pin.description.log_table import LogTable
 from coop_pin.description.network import Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.sensors import WristSensor
+from coop_pin.reference.squeeze import SqueezeReference
 
 _OF_THE_RUN = ("duration", "cell", "clock")
 """Fields against which others are checked."""
+
+
+def check_arms(value: Mapping[str, Any] | LogTable | SqueezeReference, cell: Cell) -> None:
+    """Refuse a field that does not name the arms of the cell, or asks joints for what they do not transmit.
+
+    Args:
+        value: a table by arm, the topics of a log, or a squeeze.
+        cell: the cell.
+
+    Raises:
+        FieldError: with the arm.
+    """
+    match value:
+        case LogTable():
+            check_arm_names(value.arms, cell.arms, "arms")
+            check_arm_names(value.shares or value.arms, cell.arms, "shares")
+        case SqueezeReference():
+            value.check_arms(cell.grasps)
+            if cell.jointed:
+                cell.require_transmitted(value.at(0.0, cell.grasps))
+        case _:
+            check_arm_names(value, cell.arms)
 
 
 def controller_problems(controller: Controller, earlier: Mapping[str, Any]) -> list[FieldError]:

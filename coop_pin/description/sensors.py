@@ -173,7 +173,7 @@ class SlipSensor(Description):
 
 
 class SharedJointSensor(Description):
-    """What an arm is told of the shared joints under it: ``resolution * round(q / resolution) + offset``.
+    """Sensor of the shared joints under an arm: ``resolution * round(q / resolution) + offset``.
 
     Attributes:
         told: knowledge of the arm: "all", position and rate; "position", so that it takes the rate for zero;

@@ -1,4 +1,4 @@
-"""Gains beside tools, of each arm alone, and beside joints and links, in the rows of each grasp."""
+"""Gains of cells with tools, of each arm alone, and with joints and links, in the rows of each grasp."""
 
 from __future__ import annotations
 

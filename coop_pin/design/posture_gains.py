@@ -66,7 +66,7 @@ def posture_gains(
 
 
 def base_posture_gains(scenario: Scenario, cell_reach: Reachability, T: float) -> PostureGains:
-    """Return null-space gains of arms on bases beside joints: one for each drive, none of the bases.
+    """Return null-space gains of arms on bases that hold by joints: one for each drive, none of the bases.
 
     ::
 

@@ -74,7 +74,9 @@ class Suggestion:
     def summary(self) -> str:
         """Return the changes, the values and what limits each, as text."""
         law: Any = self.scenario.controller
-        numbers = self.proposal.summary() if self.proposal else f"proposal: {law.kind}, {_told(law.gains)}"
+        numbers = (
+            self.proposal.summary() if self.proposal else f"proposal: {law.kind}, {_gain_text(law.gains)}"
+        )
         return "\n".join(
             (
                 *(f"! {sentence}" for sentence in self.changes),
@@ -85,7 +87,7 @@ class Suggestion:
         )
 
 
-def _told(gains: Gains) -> str:
+def _gain_text(gains: Gains) -> str:
     """Return gains as text; a matrix is that of the first arm, and shown in the file alone."""
     shown = {name: gain for name, gain in fields_of(gains).items() if gain is not None}
     return ", ".join(
@@ -144,18 +146,12 @@ def suggest(
     require_type("scenario", scenario, Scenario)
     poses = as_fitting_count("poses", poses, 5, POSE_SIZE)
     if scenario.cell.driven:
-        seen = suggest(seen_by_arms(scenario), poses=poses, table_error=table_error)
-        arms = {
-            name: arm.replace(mobile_base=scenario.cell.arms[name].mobile_base)
-            for name, arm in seen.scenario.cell.arms.items()
-        }
-        cell = seen.scenario.cell.replace(shared_joints=scenario.cell.shared_joints, arms=arms)
-        return replace(seen, scenario=seen.scenario.replace(cell=cell, motion=scenario.motion))
+        return _for_driven(scenario, poses, table_error)
     cell, pressed = scenario.cell, tuple[str, ...]()
     if cell.jointed or cell.payload.links is not None:
-        return _beside_joints(scenario, poses)
+        return _for_joints(scenario, poses)
     if cell.tools:
-        return _beside_tools(scenario, poses)
+        return _for_tools(scenario, poses)
     if cell.has_contacts and len(cell.patches) < len(cell.arms):
         names = [*cell.patches, *cell.tables]
         raise ArgumentError(
@@ -204,7 +200,18 @@ def suggest(
     return Suggestion(suggested, proposal, lines, (*changes, *pressed), errors)
 
 
-def _beside_tools(scenario: Scenario, poses: int) -> Suggestion:
+def _for_driven(scenario: Scenario, poses: int, table_error: float) -> Suggestion:
+    """Return a proposal for arms on shared joints or rolling bases; arguments as of ``suggest``."""
+    proposal = suggest(seen_by_arms(scenario), poses=poses, table_error=table_error)
+    arms = {
+        name: arm.replace(mobile_base=scenario.cell.arms[name].mobile_base)
+        for name, arm in proposal.scenario.cell.arms.items()
+    }
+    cell = proposal.scenario.cell.replace(shared_joints=scenario.cell.shared_joints, arms=arms)
+    return replace(proposal, scenario=proposal.scenario.replace(cell=cell, motion=scenario.motion))
+
+
+def _for_tools(scenario: Scenario, poses: int) -> Suggestion:
     """Return a proposal for arms of which some have tools; raises as ``suggest``."""
     require_rank(scenario.cell)
     cell_reach = _feasible(scenario, poses)
@@ -213,8 +220,8 @@ def _beside_tools(scenario: Scenario, poses: int) -> Suggestion:
     return _as_stated(scenario, with_steps(suggested, cell_reach), (limit,), uncovered)
 
 
-def _beside_joints(scenario: Scenario, poses: int) -> Suggestion:
-    """Return a proposal beside joints of grasps or of the payload; raises as ``suggest``."""
+def _for_joints(scenario: Scenario, poses: int) -> Suggestion:
+    """Return a proposal for joints of grasps or of the payload; raises as ``suggest``."""
     cell_reach = _feasible(scenario, poses)
     if not (leave := freedoms(scenario)).ok:
         raise InfeasibleMotionError("rank", leave.summary())

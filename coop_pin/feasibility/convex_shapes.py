@@ -160,7 +160,7 @@ def link_shapes(text: str, file: UrdfFile | None) -> tuple[tuple[LinkShape, ...]
 
 
 def srdf_of(arm: Arm) -> Path | None:
-    """Return the SRDF of an arm's robot, beside the URDF or in ../srdf; None without any.
+    """Return the SRDF of an arm's robot, in the folder of the URDF or in ../srdf; None without any.
 
     It has the URDF's name or the robot's, or it is the only one there that is for a robot of this name.
     """

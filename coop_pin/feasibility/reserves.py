@@ -1,4 +1,4 @@
-"""What drives have left at rest: an internal force beside the load, and the load without an arm."""
+"""Reserves of the drives at rest: an internal force in addition to the load, and the load without an arm."""
 
 from __future__ import annotations
 

@@ -126,32 +126,30 @@ class CellDynamics(CellKinematics):
         n = len(shaped("q", q, nq))
         arguments = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("push", push, 6))
         states = (as_array(name, value, n, size) for name, value, size in arguments)
-        parts = zip(*map(self._observed, *states), strict=True)
-        values: list[Any] = [None if part[0] is None else np.array(part) for part in parts]
-        observation = Observation(*values)
+        parts = list(map(self._observed, *states))
+        observation = Observation(**{name: np.array([part[name] for part in parts]) for name in parts[0]})
         require_finite("the interaction wrenches", observation.interaction_wrench)
         return observation
 
-    def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
-        """Return the Observation at a state."""
+    def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> dict[str, Any]:
+        """Return the quantities of an Observation at a state, those that the cell has."""
         elements, frames = self._move(q, v, tau), self._frames
         payload = PayloadState(
             frames.payload.homogeneous, frames.payload_twist(), push, self.model.surroundings
         )
         kinetic, potential = frames.energies()
-        energies: dict[str, Any] = {"kinetic_energy": kinetic, "potential_energy": potential}
         wrenches = self._wrenches(self.mechanism.solver.forces, push, *elements)
-        return Observation(
-            **payload_quantities(payload),
-            **energies,
-            tip_position=frames.tip_positions(),
-            interaction_wrench=wrenches,
-            **self._of_elements(*elements),
-            **self.stops.quantities(q, v),
-            **({} if self.joints is None else self.joints.quantities(q, v)),
-            **(self._of_shared(q, v, wrenches) if self.model.shared else {}),
-            tip_pose=np.array([tip.homogeneous for tip in frames.tips]) if self._has_tools else None,
-        )
+        quantities = payload_quantities(payload)
+        quantities |= {"kinetic_energy": kinetic, "potential_energy": potential}
+        quantities |= {"tip_position": frames.tip_positions(), "interaction_wrench": wrenches}
+        quantities |= self._of_elements(*elements) | self.stops.quantities(q, v)
+        if self.joints is not None:
+            quantities |= self.joints.quantities(q, v)
+        if self.model.shared:
+            quantities |= self._of_shared(q, v, wrenches)
+        if self._has_tools:
+            quantities["tip_pose"] = np.array([tip.homogeneous for tip in frames.tips])
+        return quantities
 
     def _of_shared(self, q: Array, v: Array, wrenches: Array) -> dict[str, Any]:
         """Return positions and rates of the joints under arms, and what the floor does to their robots.

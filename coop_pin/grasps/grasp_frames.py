@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.base.arrays import Array
+from coop_pin.base.arrays import Array, frozen
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, kinetic_energy, momentum_rate
 
 _CLOSED_BY_TREE = ClosureError(0.0, 0.0)
+
+_NO_RATES: Array = frozen(np.empty(0))
 
 
 class GraspFrames:
@@ -39,7 +41,8 @@ class GraspFrames:
         self.grasps: list[pin.SE3] = [
             frames[frame_id(tree.model, f"payload/{arm.name}")] for arm in tree.arms
         ]
-        self.velocity = self.acceleration = np.empty(0)
+        self.velocity = self.acceleration = _NO_RATES
+        self._has_rotors = bool(self._model.armature.any())
         self.welded = [number for number, arm in enumerate(tree.arms) if arm.name in tree.closed_by_tree]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -50,7 +53,7 @@ class GraspFrames:
         """Move the frames to a configuration, with v, or v and a."""
         pin.forwardKinematics(self._model, self._data, q, *rates)
         pin.updateFramePlacements(self._model, self._data)
-        self.velocity, self.acceleration = (*rates, np.empty(0), np.empty(0))[:2]
+        self.velocity, self.acceleration = (*rates, _NO_RATES, _NO_RATES)[:2]
 
     def payload_jacobian(self, q: Array) -> Array:
         """Return J_WP with V_WP = J_WP v, shape (6, nv)."""
@@ -93,5 +96,5 @@ class GraspFrames:
 
     def energies(self) -> tuple[float, float]:
         """Return kinetic and potential energy of arms and payload at the last motion, J."""
-        kinetic = kinetic_energy(self._model, self._data, self.velocity)
+        kinetic = kinetic_energy(self._model, self._data, self.velocity, has_rotors=self._has_rotors)
         return kinetic, pin.computePotentialEnergy(self._model, self._data)

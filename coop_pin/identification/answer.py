@@ -97,7 +97,7 @@ class Blame:
         return self.scenario.override(self.errors)
 
     def summary(self) -> str:
-        """Return the answer as text: findings, causes by newtons, what is not told apart, and trust."""
+        """Return the answer as text: findings, causes by newtons, ambiguities, and trust."""
         lines = [f"{'!' if one.severity != 'note' else ' '} {one}" for one in self.findings]
         if self.kinematics is None:
             return "\n".join(["no answer:", *lines])

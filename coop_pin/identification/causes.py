@@ -168,7 +168,7 @@ def force_interval(force: Array, x: Array, covariance: Array, error: float) -> N
 
 
 def widened(newtons: Newtons, error: float) -> Newtons:
-    """Return a force and its interval with an error of the forecast beside that of the estimates.
+    """Return a force and its interval, with errors of the forecast and of the estimates.
 
     A norm is never negative: where most draws are larger than the estimate, the interval begins at zero.
 

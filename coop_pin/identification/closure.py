@@ -215,7 +215,7 @@ class ViewClosure:
         return np.einsum("nij,nj->ni", self._whiten, r), A
 
     def _aligned(self) -> Array:
-        """Return the errors, in units of the priors, with clocks that fit beside a constant mismatch.
+        """Return the errors, in units of the priors, with clocks that fit together with a constant mismatch.
 
         From clocks that are further off than one swing of the motion, steps of all errors at once go astray.
         """

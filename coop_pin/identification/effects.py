@@ -92,7 +92,7 @@ def effects(
 
 
 def friction_parameters(friction: Sequence[DriveFriction]) -> tuple[Parameter, ...]:
-    """Return the friction of drives as parameters, whose value is a factor of what was found."""
+    """Return the friction of drives as parameters, whose value is a factor of the estimate."""
     return tuple(Parameter(one.arm, "friction", f"drive {one.drive + 1}", "") for one in friction)
 
 

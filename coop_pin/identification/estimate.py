@@ -1,4 +1,4 @@
-"""Estimates of what a log is asked for: parameters, their priors, and the fit."""
+"""Estimates from a log: parameters, their priors, and the fit."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Priors(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """A number that a log is asked for.
+    """Number that is estimated from a log.
 
     Attributes:
         arm: name of the arm; empty for the payload.

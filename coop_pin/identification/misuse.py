@@ -1,4 +1,4 @@
-"""Misuse of a log: swapped topics, other signs and units, told by which reading of it fits."""
+"""Misuse of a log: swapped topics, other signs and units, by which reading of it fits."""
 
 from __future__ import annotations
 

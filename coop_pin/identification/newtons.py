@@ -123,7 +123,7 @@ def _simulated(
     causes: Sequence[Cause],
     values: Mapping[Parameter, float],
 ) -> tuple[Newtons, tuple[Cause, ...]]:
-    """Return all that is seen differently and the causes by runs of each; intervals grow with them."""
+    """Return all views that differ and the causes by runs of each; intervals grow with them."""
     largest = [one for one in causes if one.members[0].part != "friction"][:_SIMULATED]
     sets = [{one: values[one] for one in cause.members} for cause in largest]
     sets.append({one: value for one, value in values.items() if one.part not in ("wrist", "hand")})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -54,28 +54,10 @@ def payload_fit(
     arms, payload = closure.arms, scenario.cell.payload
     names = [*arms]
     rows = list(scenario.cell.task_rows.indices)
-    parameters = [Parameter("", *one) for one in _PAYLOAD]
-    for name in names:
-        parameters += [
-            Parameter(name, "wrist", axis, "N" if k < 3 else "N m") for k, axis in enumerate(FRAME_AXES)
-        ]
-    sds_of_hands = list[float]()
-    for name, hand in _stated_hands(scenario).items():
-        units = ("kg", *("kg m",) * 3)
-        parameters += [
-            Parameter(name, "hand", axis, unit) for axis, unit in zip(HAND_AXES, units, strict=True)
-        ]
-        moments = np.hypot(priors.hand[1] * hand[0], priors.hand[0] * np.abs(hand[1:] / hand[0]))
-        sds_of_hands += [priors.hand[0], *moments]
-    inertia = np.diag(payload.inertia_matrix)
-    mean = pin.Inertia(payload.mass, np.zeros(3), np.array(payload.inertia_matrix)).toDynamicParameters()
-    sds = [
-        priors.mass * payload.mass,
-        *[priors.centre * payload.mass] * 3,
-        *[priors.inertia * inertia.max()] * 6,
-    ]
+    inertia = np.array(payload.inertia_matrix)
+    mean = pin.Inertia(payload.mass, np.zeros(3), inertia).toDynamicParameters()
+    parameters, sds = _unknowns(scenario, names, priors)
     count = len(parameters)  # beyond them what the kinematics leave open, in sds
-    sds += [*[*np.repeat(priors.wrist, 3)] * len(names), *sds_of_hands]
     prior = np.array([*sds, *np.ones(len(kinematics.x))])
     first, late = samples[names[0]], kinematics.late
     X = [
@@ -115,6 +97,33 @@ def payload_fit(
     chi = float(np.sqrt((residual**2).sum() / max(free, 1.0)))
     covariance = (max(chi, 1.0) ** 2 * H * np.outer(prior, prior))[:count, :count]
     return Fit(tuple(parameters), x[:count], covariance, prior[:count], chi)
+
+
+def _unknowns(
+    scenario: Scenario, names: Sequence[str], priors: Priors
+) -> tuple[list[Parameter], list[float]]:
+    """Return the parameters of payload, wrists and hands, and their standard deviations before the log."""
+    payload = scenario.cell.payload
+    largest = np.diag(payload.inertia_matrix).max()
+    parameters = [Parameter("", *one) for one in _PAYLOAD]
+    sds = [
+        priors.mass * payload.mass,
+        *[priors.centre * payload.mass] * 3,
+        *[priors.inertia * largest] * 6,
+        *[*np.repeat(priors.wrist, 3)] * len(names),
+    ]
+    for name in names:
+        parameters += [
+            Parameter(name, "wrist", axis, "N" if k < 3 else "N m") for k, axis in enumerate(FRAME_AXES)
+        ]
+    for name, hand in _stated_hands(scenario).items():
+        units = ("kg", *("kg m",) * 3)
+        parameters += [
+            Parameter(name, "hand", axis, unit) for axis, unit in zip(HAND_AXES, units, strict=True)
+        ]
+        moments = np.hypot(priors.hand[1] * hand[0], priors.hand[0] * np.abs(hand[1:] / hand[0]))
+        sds += [priors.hand[0], *moments]
+    return parameters, sds
 
 
 def _by_tilt(closure: ViewClosure, times: Array, gravity: Array) -> Array:
@@ -182,7 +191,7 @@ def _stated_hands(scenario: Scenario) -> dict[str, Array]:
 
 
 def hand_weight(scenario: Scenario, arm: CellArm, position: Array, fit: Fit | None = None) -> Array:
-    """Return the weight of the hand behind a wrist in axes of the tip, as stated or found, shape (n, 6)."""
+    """Return the weight of the hand behind a wrist in axes of the tip, stated or estimated, shape (n, 6)."""
     hand = _stated_hands(scenario).get(arm.name)
     if hand is None:
         return np.zeros((len(position), 6))

@@ -118,7 +118,7 @@ def _began(times: Array, position: Array, start: float, seen: Callable[[Array], 
 def _friction(
     scenario: Scenario, friction: Sequence[DriveFriction], less: DriveFriction | None
 ) -> dict[str, Any]:
-    """Return the changes that give the arms the friction that was seen, and less of it to one drive."""
+    """Return the changes that give the arms the estimated friction, and less of it to one drive."""
     changes: dict[str, Any] = {}
     for name in dict.fromkeys(one.arm for one in friction):
         stated = stated_friction(scenario.cell.arms[name], name)

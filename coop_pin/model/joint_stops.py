@@ -143,7 +143,7 @@ class CellStops:
 
     def __bool__(self) -> bool:
         """Return whether there are stops."""
-        return any(stops is not None for stops in self._stops)
+        return any(self._stops)
 
     def __iter__(self) -> Iterator[tuple[ArmPlace | LinkedPayload, JointStops]]:
         """Yield the stops of each arm that has any, and of the payload, and the place of their joints."""
@@ -178,12 +178,13 @@ class CellStops:
 
     def quantities(self, q: Array, v: Array) -> dict[str, Any]:
         """Return what is observed of the stops at a state, by name; nothing where there are none."""
+        if not self:
+            return {}
         states = self._states(q, v)
         values = stop_quantities(
             states[: self._arms], [len(slot.angles.names) for slot in self._places[: self._arms]]
         )
-        if self:
-            values["stop_energy"] = sum(state.energy for state in states if state is not None)
+        values["stop_energy"] = sum(state.energy for state in states if state is not None)
         return {name: np.asarray(value, dtype=float) for name, value in values.items()}
 
     def _states(self, q: Array, v: Array) -> list[StopState | None]:

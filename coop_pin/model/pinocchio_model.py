@@ -129,7 +129,7 @@ def symmetric(upper: Array) -> Array:
     return np.triu(upper) + np.triu(upper, 1).T
 
 
-def kinetic_energy(model: pin.Model, data: pin.Data, v: Array) -> float:
+def kinetic_energy(model: pin.Model, data: pin.Data, v: Array, *, has_rotors: bool) -> float:
     """Return the kinetic energy of bodies and rotors at the last forward kinematics, J.
 
     T = sum_i V_i^T I_i V_i / 2 + v^T diag(armature) v / 2. That of Pinocchio leaves out a part of rotors on
@@ -139,8 +139,9 @@ def kinetic_energy(model: pin.Model, data: pin.Data, v: Array) -> float:
         model: the model.
         data: data of the model, moved with v.
         v: velocity, shape (nv,).
+        has_rotors: whether a joint of the model has an armature.
     """
-    if not model.armature.any():
+    if not has_rotors:
         return float(pin.computeKineticEnergy(model, data))
     bodies = sum(inertia.vtiv(V) for inertia, V in zip(model.inertias, data.v, strict=True))
     return 0.5 * float(bodies + v @ (model.armature * v))

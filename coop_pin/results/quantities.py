@@ -34,7 +34,7 @@ def _relative_errors(samples: Samples) -> Array:
 
 
 def _internal_wrenches(samples: Samples) -> Array:
-    """Return f_i = F_i - c_i sum_j F_j, beside joints with R L_i R^T in place of c_i, shape (..., m, 6)."""
+    """Return f_i = F_i - c_i sum_j F_j, with joints R L_i R^T in place of c_i, shape (..., m, 6)."""
     F, L = samples["interaction_wrench"], samples.get("load_split")
     if L is None:
         return internal_wrenches(F, samples["load_share"])

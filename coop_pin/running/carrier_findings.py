@@ -1,4 +1,4 @@
-"""Findings of what carries arms: servos of shared joints and of rolling bases, what arms are told, wheels."""
+"""Findings of what carries arms: servos of shared joints and rolling bases, sensors of these, wheels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _INSTANTS, _TOGETHER = 21, 0.01
 def carrier_findings(scenario: Scenario) -> Iterator[Finding]:
     """Yield what is known of shared joints and of bases that roll, before a run."""
     yield from _servo_findings(scenario)
-    yield from _told_findings(scenario)
+    yield from _ignorance_findings(scenario)
     yield from _wheel_findings(scenario)
     yield from _apart_findings(scenario)
 
@@ -51,8 +51,8 @@ def _servo_findings(scenario: Scenario) -> Iterator[Finding]:
             yield Finding(kind, field, "error", sentence, float(radius), 1.0, remedy)
 
 
-def _told_findings(scenario: Scenario) -> Iterator[Finding]:
-    """Yield what arms are not told of joints under them that move.
+def _ignorance_findings(scenario: Scenario) -> Iterator[Finding]:
+    """Yield the moving joints under arms that these do not know.
 
     A joint that no arm is told of moves the payload with it, while every arm sees itself on its path and no
     internal force shows it; told to some arms alone, it makes internal forces.

@@ -181,7 +181,7 @@ class TickLoop:
     def _step(self, command: CellCommand) -> None:
         """Do the stages of a tick from its command on."""
         tick, actuation, plant, inputs = self.ticks_done, self.actuation, self.plant, self._observe()
-        held = list[Array]()
+        held: list[Array] = []
         for kind, time, length, due in self.timeline.from_command(tick):
             match kind:
                 case "advance":

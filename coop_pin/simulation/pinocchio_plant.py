@@ -244,8 +244,9 @@ class PinocchioPlant:
     def _force(self, t: float, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and payload wrench until the next call, (nv,)."""
         self.transmission.friction(v, self._friction)
-        for row, part in enumerate(self._passive, start=-len(self._passive)):
-            self._forces[row], _, self._lost[row] = part.state(q, v)
+        if self._passive:
+            for row, part in enumerate(self._passive, start=-len(self._passive)):
+                self._forces[row], _, self._lost[row] = part.state(q, v)
         if self._pushed:
             self._forces[2] = self.chain.payload_jacobian(q).T.dot(self.payload_wrench(q, v, t))
         return self._all.dot(self._forces, self._sum)

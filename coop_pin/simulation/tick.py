@@ -136,12 +136,13 @@ class References:
     ) -> CellReference:
         """Return what the cell is to do if all clocks show the time."""
         cell, target = self._scenario.cell, motion.at(time)
-        wrenches, references = squeeze.at(time, cell.grasps), list[ArmReference]()
+        wrenches = squeeze.at(time, cell.grasps)
         if not self._has_plan:
             return arm_references(self._rows, target, wrenches), target, wrenches, None
         just_after, events = self._timeline.just_after(time), [each.event for each in missed]
         plan = self._scenario.grasp_plan_at(just_after, events)
         wrenches = plan.squeeze(wrenches)
+        references: list[ArmReference] = []
         arms = zip(cell.grasps, plan.carried.tolist(), plan.retreats, strict=True)
         for index, (name, share, retreat) in enumerate(arms):
             moved = retreated(cell.target_of(name, target, time), cell.way_out(name), retreat)

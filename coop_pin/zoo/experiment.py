@@ -148,7 +148,7 @@ class Experiment(Description):
         return self.reproduction(*results)
 
     def reproduction(self, numbers: Sequence[Measured], curves: Sequence[Trace]) -> Reproduction:
-        """Return numbers and curves of a run, beside the claims.
+        """Return numbers and curves of a run, with the claims.
 
         Raises:
             WrongTypeError: an entry is something else than a number with its claim.

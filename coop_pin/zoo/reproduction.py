@@ -1,4 +1,4 @@
-"""Reproduction: numbers of an experiment beside their limits, and the verdict that follows for each claim."""
+"""Reproduction: numbers of an experiment with their limits, and the verdict that follows for each claim."""
 
 from __future__ import annotations
 

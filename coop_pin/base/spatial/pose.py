@@ -122,7 +122,7 @@ def pose_error(X_WP: Array, X_WP_d: Array) -> Array:
         X_WP_d: the desired pose, shape (4, 4).
     """
     X_WP, X_WP_d = shaped("X_WP", X_WP, 4, 4), shaped("X_WP_d", X_WP_d, 4, 4)
-    return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], log3(X_WP[:3, :3] @ X_WP_d[:3, :3].T)))
+    return np.concatenate((X_WP[:3, 3] - X_WP_d[:3, 3], _log3(X_WP[:3, :3] @ X_WP_d[:3, :3].T)))
 
 
 def log3(R: Array) -> Array:
@@ -137,19 +137,27 @@ def log3(R: Array) -> Array:
     Raises:
         ShapeError: the shape differs.
     """
-    R = shaped("R", R, 3, 3)
+    return _log3(shaped("R", R, 3, 3))
+
+
+def _log3(R: Array) -> Array:
+    """Return ``log3`` of rotation matrices that have the shape."""
     entries = R.tolist() if R.ndim == 2 else np.ascontiguousarray(np.moveaxis(R, (-2, -1), (0, 1)))
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = entries
     # Four multiples of the quaternion; the factor of each is its own diagonal entry.
     w, x, y, z = by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
-    are_small = R.ndim > 2 and R.dtype != object and (xx + yy + zz > R.diagonal(0, -2, -1).max(axis=-1)).all()
-    if not are_small:  # most arrays are of turns below 120 degrees
+    trace = xx + yy + zz
+    if R.ndim == 2:
+        are_small = isinstance(trace, float) and trace > max(xx, yy, zz)
+    else:
+        are_small = R.dtype != object and (trace > R.diagonal(0, -2, -1).max(axis=-1)).all()
+    if not are_small:  # most are turns below 120 degrees
         by_x = (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx)
         by_y = (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy)
         by_z = (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz)
         largest = where(yy > xx, (yy, *by_y), (xx, *by_x))
         largest = where(zz > largest[0], (zz, *by_z), largest)
-        w, x, y, z = where(xx + yy + zz > largest[0], by_w, largest[1:])
+        w, x, y, z = where(trace > largest[0], by_w, largest[1:])
     sign = where(w < 0.0, -1.0, 1.0)
     w = sign * w
     length = sqrt(x * x + y * y + z * z)

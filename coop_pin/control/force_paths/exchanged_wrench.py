@@ -66,7 +66,7 @@ class ExchangedWrench(LawWrapper):
         return measurement._replace(internal_wrench=f, internal_wrench_age=age), memory
 
     def lateness(self, age: float) -> Any:
-        """Return how old what an arm said last is, ticks, given the age of its message."""
+        """Return the age of the wrench in an arm's last message, ticks, given the age of the message."""
         holds = (age <= self.delay + self.silence) & (age < np.inf)
         return np.where(holds, np.minimum(age, self.delay), age)
 

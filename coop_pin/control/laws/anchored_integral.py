@@ -67,6 +67,7 @@ class AnchoredIntegral(NamedTuple):
         grip: float,
         command: Array,
         J_plus: Array | None,
+        uncut: float,
     ) -> Memories:
         """Return the memories with Z of the torque.
 
@@ -78,10 +79,11 @@ class AnchoredIntegral(NamedTuple):
             grip: 0.0 where the arm has lost its grip and the anchor rests, else 1.0.
             command: Torque of the last tick, N m, shape (k,).
             J_plus: J^+ where it is at hand, shape (k, k_0).
+            uncut: 0.0 where a torque of the arm is saturated, else 1.0.
         """
         (Z, Z_hold, last), anchor = memories
         fresh, stale = is_new(age, last), age > self.stale_after
-        uncut, recent = 1.0 - measurement.saturated.any(), 1.0 - stale
+        recent = 1.0 - stale
         a = fresh * (-grip * self.gain) * error
         if self.bound is not None and anchor is not None:
             cut = _cut(measurement, command, J_plus)
@@ -91,10 +93,16 @@ class AnchoredIntegral(NamedTuple):
         Z = Z + a
         return IntegralState(Z, where(fresh, Z, Z_hold), age), anchor
 
-    def rates(self, state: IntegralState, measurement: ArmMeasurement) -> tuple[float, Array]:
-        """Return 1.0 where the integral goes on and 0.0 where it waits, and the leak lambda (Z - Z_hold)."""
+    def rates(self, state: IntegralState, measurement: ArmMeasurement, uncut: float) -> tuple[float, Array]:
+        """Return 1.0 where the integral goes on and 0.0 where it waits, and the leak lambda (Z - Z_hold).
+
+        Args:
+            state: Z of the torque.
+            measurement: Measurement of the arm.
+            uncut: 0.0 where a torque of the arm is saturated, else 1.0.
+        """
         Z, Z_hold, age = state
-        stale, uncut = age > self.stale_after, 1.0 - measurement.saturated.any()
+        stale = age > self.stale_after
         leak = stale * self.leak * (Z - Z_hold)
         waits = self.bound is None or measurement.reported_torque is None
         return uncut if waits else where(stale, uncut, 1.0), leak

@@ -219,7 +219,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         fhat, age = self._measured_wrench(measurement, f_r, reference.share(arm))
         is_used = J.shape[1] < J.shape[0] or self.posture is not None
         J_plus = full_rank_inverse(J, measurement.time) if is_used else None
-        error = _felt(fhat - f_r, J, J_plus)
+        error, uncut = _felt(fhat - f_r, J, J_plus), 1.0 - measurement.saturated.any()
         integral, anchor = self.integral.anchored(
             (state.integral, state.anchor),
             measurement,
@@ -228,13 +228,14 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             grip=grip,
             command=state.command,
             J_plus=J_plus,
+            uncut=uncut,
         )
         tau = -J.T.dot(c * self.axes.product(K, X_WP, s) + integral.value + f_r - K_f * error)
         if self.posture is not None and J_plus is not None:
             pull = self.posture.pull(measurement.q, measurement.v) - start.pull * e
             tau = tau + null_space_part(start.torque + pull, J, J_plus)
 
-        goes_on, leak = self.integral.rates(integral, measurement)
+        goes_on, leak = self.integral.rates(integral, measurement, uncut)
         rate = goes_on * c * self.axes.product(K, X_WP, gains.sign_gain.dot(self.switched(s)))
         change = _felt(arm.period * (rate - leak), J, J_plus)
         integral, anchor = self.integral.following((integral, anchor), change, X_WP)

@@ -63,7 +63,7 @@ class Cell(HeldPayload):
         return arms
 
     @model_validator(mode="after")
-    def _holds_beside_tools(self) -> Self:
+    def _holds_with_tools(self) -> Self:
         borne = sum(self.gain_shares[index] for index, name in enumerate(self.arms) if name not in self.tools)
         if self.tools and (not borne > 0.0 or self.unclosed or self.jointed or self.tables):
             detail = "has tools; beside them are rigid grasps that bear the load, and no tables"
@@ -161,7 +161,7 @@ class Cell(HeldPayload):
         return tuple(name for name, other in self.arms.items() if self.arms[arm].is_sibling(other))
 
     def target_of(self, arm: str, target: PoseTarget, time: float) -> PoseTarget:
-        """Return the target of the payload as an arm is to see it: that of a tool moves beside it.
+        """Return the target of the payload for an arm: that of a tool moves with the tool.
 
         Args:
             arm: Name of the arm.

@@ -1,4 +1,4 @@
-"""Grasp of an arm on the payload: rigid, a joint, a spring and damper, or a patch; and a tool beside it."""
+"""Grasp of an arm on the payload: rigid, a joint, a spring and damper, or a patch; tools without grasp."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from coop_pin.base.arrays import Array, as_array, as_pose, require_type
 from coop_pin.base.errors import FieldError, NameNotFoundError, OutOfRangeError
 from coop_pin.base.schema.base import Positive, Vector3, Vector6, by_name, not_negative, positive
 from coop_pin.base.schema.pose import Pose
-from coop_pin.base.spatial import inverse_pose
+from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.closure import NamedRows
 from coop_pin.description.cell.contact import PatchGrasp
@@ -137,7 +137,7 @@ class JointGrasp(Pose):
 
 
 class ToolTip(Pose):
-    """Tip of an arm that holds nothing of the payload, but works on it: a tool beside the part.
+    """Tip of an arm that holds nothing of the payload, but works on it: a tool.
 
     It closes no loop and bears no load. Its arm sees the payload where its tip would hold it, at X_PE.
 
@@ -192,6 +192,21 @@ Grasp = Annotated[
     Discriminator(_kind),
 ]
 """Pose X_PE of a rigid grasp, the same on a named link, a joint, a compliant grasp, a patch, or a tool."""
+
+
+def compliance_of(grasp: Pose) -> Array:
+    """Return C of a grasp that gives, from a wrench about P to the displacement there, shape (6, 6).
+
+    In payload axes, m/N and rad/(N m); zero for a grasp that does not give.
+    """
+    if isinstance(grasp, PatchGrasp):
+        X, stiffness = grasp.matrix @ grasp.plane, grasp.stiffnesses
+    elif isinstance(grasp, CompliantGrasp):
+        X, stiffness = grasp.matrix, grasp.stiffness
+    else:
+        return np.zeros((6, 6))
+    to_grasp = rotate_vector6(X[:3, :3].T, shift_wrench(np.eye(6), np.tile(-X[:3, 3], (6, 1))))
+    return to_grasp @ np.diag(1.0 / np.array(stiffness)) @ to_grasp.T
 
 
 def grasps_from_configuration(

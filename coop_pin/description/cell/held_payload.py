@@ -11,16 +11,8 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
-from coop_pin.base.schema.base import (
-    Description,
-    Name,
-    Positive,
-    Vector3,
-    check_arm_names,
-    unknown_arms,
-)
+from coop_pin.base.schema.base import Description, Name, Positive, Vector3, check_arm_names, unknown_arms
 from coop_pin.base.schema.pose import Pose
-from coop_pin.base.spatial import rotate_vector6, shift_wrench
 from coop_pin.base.spatial.grasp_rows import GraspRows, transmits, transmitted_loads, unheld_motion
 from coop_pin.base.spatial.task_rows import RowsName, TaskRows, task_rows
 from coop_pin.description.cell.arm import Arm
@@ -31,6 +23,7 @@ from coop_pin.description.cell.grasp import (
     Grasp,
     JointGrasp,
     ToolTip,
+    compliance_of,
     grasps_from_configuration,
 )
 from coop_pin.description.cell.payload import Payload
@@ -133,16 +126,8 @@ class HeldPayload(Description):
 
     @model_validator(mode="after")
     def _joints_hold(self) -> Self:
-        if self.jointed:
-            self._require_joints()
-        return self
-
-    def _require_joints(self) -> None:
-        """Refuse joints whose rows the cell does not have, or which leave the payload a motion.
-
-        Raises:
-            FieldError: with the arm, or the motion that no grasp holds.
-        """
+        if not self.jointed:
+            return self
         if self.rows == "positional" or self.unclosed or self.tables:
             detail = "has joints; they go with rigid grasps, in task rows 'full' or 'planar', without tables"
             raise FieldError(detail, "grasps")
@@ -152,6 +137,7 @@ class HeldPayload(Description):
                     "has its axis askew to the plane; it must be in it or across", f"grasps.{name}"
                 )
         self.require_payload_held([True] * len(self.arms), "grasps")
+        return self
 
     def require_payload_held(self, holds: Sequence[bool], path: str) -> None:
         """Refuse grasps that leave the payload a motion.
@@ -219,19 +205,8 @@ class HeldPayload(Description):
         return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, PatchGrasp)}
 
     def compliance(self, arm: str) -> Array:
-        """Return C of a grasp that gives, from a wrench about P to the displacement there, shape (6, 6).
-
-        In payload axes, m/N and rad/(N m); zero for a rigid grasp.
-        """
-        grasp = self.grasps[arm]
-        if isinstance(grasp, PatchGrasp):
-            X, stiffness = grasp.matrix @ grasp.plane, grasp.stiffnesses
-        elif isinstance(grasp, CompliantGrasp):
-            X, stiffness = grasp.matrix, grasp.stiffness
-        else:
-            return np.zeros((6, 6))
-        to_grasp = rotate_vector6(X[:3, :3].T, shift_wrench(np.eye(6), np.tile(-X[:3, 3], (6, 1))))
-        return to_grasp @ np.diag(1.0 / np.array(stiffness)) @ to_grasp.T
+        """Return C of ``compliance_of`` the grasp of an arm, in payload axes, shape (6, 6)."""
+        return compliance_of(self.grasps[arm])
 
     def way_out(self, arm: str) -> Array:
         """Return the axis of the payload on which an arm retreats from its grasp, shape (3,)."""
@@ -281,7 +256,7 @@ class HeldPayload(Description):
 
     @property
     def splits_load(self) -> bool:
-        """Whether ``loads_within`` splits the load: beside joints, or of a payload with a base."""
+        """Whether ``loads_within`` splits the load: with joints as grasps, or of a payload with a base."""
         links = self.payload.links
         return bool(self.jointed or (links is not None and links.base is not None))
 

@@ -110,7 +110,7 @@ def _require_usable(
 
 
 def _findings(data: bytes, urdf: UrdfFile | None = None, *, meshes: bool = False) -> tuple[UrdfFinding, ...]:
-    """Return all findings by line; meshes are looked for only if asked for.
+    """Return all findings by line; meshes are looked for on demand.
 
     Args:
         data: the text.

@@ -78,7 +78,7 @@ class Shoulders(NamedTuple):
 
 
 def faces_back(arms: Sequence[Arm]) -> bool:
-    """Return whether arms from left to right, seen along x of their robot, reach mostly the other way.
+    """Return whether arms from left to right, along x of their robot, reach mostly the other way.
 
     The tips of configurations within the joint limits are compared with the shoulders, in parts of the
     farthest; arms that reach all around face along x.

@@ -19,7 +19,7 @@ from coop_pin.model.cell_model import ArmPlace, SharedPlace
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.sensors import SensorState, Truth, View, cell_sensors, sensors_path
-from coop_pin.simulation.devices.shared_drive import SharedSensors, Told
+from coop_pin.simulation.devices.shared_drive import SharedReading, SharedSensors
 from coop_pin.simulation.devices.signals import CellSignals
 from coop_pin.simulation.plant import Plant
 
@@ -125,7 +125,7 @@ class Sensing:
         self._patched = [index for index, slot in enumerate(slots) if slot.name in scenario.cell.patches]
         self._payload, self._start = scenario.cell.surroundings, scenario.start.matrix
         self._shared = SharedSensors.of(scenario, shared)
-        self._told: Sequence[Told | None] = [None] * len(slots)
+        self._told: Sequence[SharedReading | None] = [None] * len(slots)
         self.state: SensingState | None = None
 
     def follow(self, plan: GraspPlan) -> None:

@@ -182,7 +182,7 @@ class CellSensors(NamedTuple):
         return measured, SensorState(encoders, wrists, path)
 
     def _internal(self, wrenches: Array, R_WP: Array) -> Array:
-        """Return the internal wrenches, shape (m, 6), with the payload as it is seen."""
+        """Return the internal wrenches, shape (m, 6), with the measured orientation of the payload."""
         resultant = wrenches.sum(axis=0)
         if self.loads is None:
             return wrenches - self.shares[:, None] * resultant

@@ -1,4 +1,4 @@
-"""Shared joints and rolling bases in a run: drives with servos, and what arms are told of the joints."""
+"""Shared joints and rolling bases in a run: drives with servos, and the arms' sensors of the joints."""
 
 from __future__ import annotations
 
@@ -123,8 +123,8 @@ class WheelDrives(NamedTuple):
         return [frozen(np.array([force])) for force in forces]
 
 
-class Told(NamedTuple):
-    """What an arm is told of the joints under it.
+class SharedReading(NamedTuple):
+    """Reading of the joints under an arm.
 
     Attributes:
         position: positions, m or rad, shape (n,).
@@ -136,7 +136,7 @@ class Told(NamedTuple):
 
 
 class SharedSensors(NamedTuple):
-    """Sensors of shared joints by the arms that are told of them: late, counted and offset.
+    """Sensors of shared joints for the arms on them: late, counted and offset.
 
     The memory has positions and rates of the joints at the last ticks, the newest first, shape (d, 2, n).
 
@@ -174,15 +174,15 @@ class SharedSensors(NamedTuple):
         rest = np.array([[slot.start for slot in self.places], [0.0] * len(self.places)])
         return np.tile(rest, (depth, 1, 1))
 
-    def step(self, memory: Array, q: Array, v: Array) -> tuple[list[Told | None], Array]:
-        """Return what each arm is told, and the memory.
+    def step(self, memory: Array, q: Array, v: Array) -> tuple[list[SharedReading | None], Array]:
+        """Return the reading of each arm, and the memory.
 
         Args:
             memory: Memory before.
             q: Configuration of the cell, shape (nq,).
             v: Velocity of the cell, shape (nv,).
         """
-        last, told = memory[0, 0], list[Told | None]()
+        last, told = memory[0, 0], list[SharedReading | None]()
         near = zip(self.places, last, strict=True)
         position = [slot.angles.near(q[slot.q_slice], angle[None])[0] for slot, angle in near]
         rate = [v[slot.v_slice.start] for slot in self.places]
@@ -196,11 +196,11 @@ class SharedSensors(NamedTuple):
             read, velocity = memory[delay][:, entries]
             read = (count * np.round(read / count) if count else read) + offset
             believed = start[entries] + tells_position * (read - start[entries])
-            told.append(Told(frozen(believed), frozen(tells_rate * velocity)))
+            told.append(SharedReading(frozen(believed), frozen(tells_rate * velocity)))
         return told, memory
 
-    def carried(self, index: int, view: PayloadKinematics, told: Told) -> PayloadKinematics:
-        """Return the payload as an arm sees it with the joints under it where it is told that they are.
+    def carried(self, index: int, view: PayloadKinematics, told: SharedReading) -> PayloadKinematics:
+        """Return the payload as an arm sees it with the joints under it where it reads them.
 
         X = D X_0 with D = prod_k exp(S_k dq_k), J = [R_D, R_D] J_0, and J_s v_s about P.
 

@@ -13,7 +13,7 @@ OFF = {"exact": (), "both 12 mm off": ("left", "right"), "left 12 mm off": ("lef
 
 
 def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
-    """Hand the box over as both arms move on, with exact bases, and with both or one seen off alike."""
+    """Hand the box over as both arms move on, with exact bases, and with both or one off alike."""
     tolerance, weight = 1e3 * cell.events[1].tolerance, 9.81 * cell.cell.payload.mass
     numbers, curves = [], []
     for label, arms in list(OFF.items())[: 1 if short else 3]:

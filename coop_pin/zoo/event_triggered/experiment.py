@@ -1,4 +1,4 @@
-"""Event-triggered messages: two arms tell each other what changed, and hold a box as if they told all."""
+"""Event-triggered messages: two arms send each other what changed, and hold a box as if they sent all."""
 
 from typing import Any
 

@@ -16,7 +16,7 @@ RUNS: dict[str, dict[str, Any]] = {
 
 
 def reproduce(cell: cp.Scenario, *, short: bool) -> tuple[list[Measured], list[Trace]]:
-    """Carry the tray with a torso that rises, one that stands, and one of which an arm is told late."""
+    """Carry the tray with a torso that rises, one that stands, and one of which an arm knows late."""
     numbers, curves = [], []
     for label in list(RUNS)[: 1 if short else 3]:
         run = cp.run(cell.override(RUNS[label] | {"duration": 1.5 if short else 4.5}), warn=False)

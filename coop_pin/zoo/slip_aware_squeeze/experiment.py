@@ -22,7 +22,7 @@ RUNS: dict[str, tuple[Any, tuple[str, ...]]] = {
 
 
 class SlipAware(cp.ArmController):
-    """A law of the package with the squeeze f_d (1 + slip / 4 mm), or 2 f_d once more than 0.1 mm is told."""
+    """A law of the package with the squeeze f_d (1 + slip / 4 mm), or 2 f_d beyond 0.1 mm."""
 
     def __init__(self, law: Any, once: bool) -> None:
         self.law, self.once = law, once
