@@ -179,10 +179,13 @@ _PACKAGES = (
 _MOVED = {
     "analysis": "cp.feasibility, cp.stability, cp.design, cp.carry and cp.proof",
     "batch": "cp.compiled and cp.export",
+    "catalogue": "cp",
     "control": "cp and cp.laws",
     "description": "cp, cp.events, cp.sensors, cp.actuators, cp.network, cp.plant and cp.urdf",
+    "engine_choice": "cp.compiled",
     "environment": "cp.gym",
     "reference": "cp.motions and cp.squeezes",
+    "run_scenario": "cp and cp.laws",
     "schema": "coop_pin.base.schema",
     "simulation": "cp",
 }

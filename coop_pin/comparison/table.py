@@ -214,6 +214,8 @@ class Comparison:
             lines.append("")
         return "\n".join(lines + self._failures())
 
+    __repr__ = summary
+
     def _require_name(self, kind: str, name: str) -> None:
         """Refuse a scenario, controller or trial that is none of the comparison."""
         require_type(kind, name, str)

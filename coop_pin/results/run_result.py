@@ -25,7 +25,7 @@ from coop_pin.results.metrics import (
     phase_metrics,
 )
 from coop_pin.results.quantity import Arrays, Samples
-from coop_pin.results.running_metrics import EveryTick, RunningMetrics
+from coop_pin.results.running_metrics import EveryTick, Metrics, RunningMetrics
 from coop_pin.results.task import LARGEST, TaskMonitor, TaskVerdict, monitored, task_verdict
 from coop_pin.results.window import Window, checked_window, metric_windows, phases, samples_of
 
@@ -251,7 +251,7 @@ class RunResult:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
         return self._of_all_ticks.limits
 
-    def metrics(self) -> dict[str, float]:
+    def metrics(self) -> Metrics:
         """Return all metrics by name; the names carry the units, ``windows_of`` gives their windows.
 
         ``simulation_sound`` and ``task_kept`` are 1 or 0. The largest errors are those of the whole run but
@@ -261,7 +261,7 @@ class RunResult:
         tick they are those of all ticks, as are breaches and limits; other windows are of the kept ones.
         """
         verdicts = {SIMULATION_SOUND: float(self.simulation_sound), TASK_KEPT: float(self.task.kept)}
-        return {**verdicts, **self._of_all_ticks.metrics}
+        return Metrics(verdicts | dict(self._of_all_ticks.metrics))
 
     @functools.cached_property
     def _of_all_ticks(self) -> EveryTick:

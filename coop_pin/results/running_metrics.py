@@ -17,6 +17,7 @@ from typing import NamedTuple, Self, get_args
 import numpy as np
 
 from coop_pin.base.arrays import Array
+from coop_pin.base.errors import NameNotFoundError
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.breaches import (
     Breach,
@@ -52,6 +53,13 @@ _MEAN = "internal_axial_mean_N"
 """The one of PHASE_METRICS that is a mean; the others are rms values."""
 _AT_THE_END = ("time", "joint_position", "joint_velocity", "desired_twist", "payload_twist")
 """Quantities of whose last seconds the drift of the joints is taken."""
+
+
+class Metrics(dict[str, float]):
+    """Metrics of a run by name; one that it has not, such as a name of 0.2.0, is answered by near ones."""
+
+    def __missing__(self, name: str) -> float:
+        raise NameNotFoundError("metric", str(name), self, "the run")
 
 
 class EveryTick(NamedTuple):

@@ -168,6 +168,9 @@ class TuneResult(NamedTuple):
         metrics = {self.objective.minimize: self.value} | bounded | self.tuned
         return "\n".join(lines + [f"  {name} = {x:.6g}" for name, x in metrics.items()])
 
+    def __repr__(self) -> str:
+        return self.summary()
+
     @property
     def tuned(self) -> dict[str, float]:
         """The tuned fields of the best run."""

@@ -177,3 +177,5 @@ class SweepResult(SweepTable):
         if idle := self.fields_without_effect():
             lines.insert(1, f"  no effect on any metric here: {', '.join(idle)}")
         return "\n".join([self.plan.summary(), *lines])
+
+    __repr__ = summary

@@ -104,6 +104,11 @@ def test_a_module_that_is_not_there_is_told_as_such():
         load_class("no_such_module:Law")
 
 
+def test_a_class_of_another_process_is_told_with_what_to_do():
+    with pytest.raises(NameNotFoundError, match="put it into a module"):
+        load_class("__main__:NowhereDefined")
+
+
 def test_all_code_that_a_scenario_and_a_plan_name_is_listed():
     motion = {"kind": "function", "target": "a:pose", "twist": "b:twist"}
     changes = {

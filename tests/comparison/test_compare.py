@@ -208,6 +208,7 @@ def test_runs_of_another_plan_are_not_taken_and_other_folders_are_refused(scenar
     alone = cp.compare(scenarios[0], *names, out=tmp_path / "alone", duration=0.1, execution=here)
     assert found.data.identical(alone.data)
     assert "#" not in found.summary()
+    assert repr(found) == found.summary()
     merging = dataclasses.replace(here, merge=[folder, tmp_path / "nothing"])
     with pytest.raises(FileReadError) as caught:
         cp.compare(scenarios, *names, out=tmp_path, execution=merging)

@@ -126,6 +126,8 @@ OLD = {
     "TuneResult": "cp.sweeps.TuneResult",
     "analysis": "cp.stability",
     "batch": "cp.compiled",
+    "catalogue": "cp",
+    "run_scenario": "cp and cp.laws",
     "LineMoton": "cp.motions.LineMotion",
     "motion": "cp.motions",
     "Ramp": "cp.squeezes.RampSqueeze",

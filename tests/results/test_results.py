@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.base import errors
-from coop_pin.base.errors import ArgumentError, FileReadError, FileWriteError
+from coop_pin.base.errors import ArgumentError, FileReadError, FileWriteError, NameNotFoundError
 from coop_pin.base.spatial import make_pose
 from coop_pin.results import netcdf
 from coop_pin.results.quantities import quantities
@@ -272,6 +272,23 @@ def test_continuous_joints_are_counted_from_the_posture_on():
             np.abs(first.joint_position[0, index] - np.array(list(arms.values())[index].posture)).max()
             < np.pi
         )
+
+
+@pytest.mark.parametrize(
+    ("former", "name"),
+    [
+        ("position_rms_m", "moving_position_rms_m"),
+        ("internal_shear_rms_N", "rest_internal_shear_rms_N"),
+        ("trustworthy", "simulation_sound"),
+    ],
+)
+def test_former_names_of_metrics_are_answered_with_the_new_ones(result, former, name):
+    metrics = result.metrics()
+    with pytest.raises(NameNotFoundError) as caught:
+        metrics[former]
+    assert name in str(caught.value)
+    assert name in metrics
+    assert [*pickle.loads(pickle.dumps(metrics))] == [*metrics]
 
 
 def test_a_wrong_name_in_a_result_is_told_with_the_names_there_are(result, tmp_path):

@@ -168,7 +168,8 @@ def test_questions_without_an_answer_are_typed_errors(grid, tmp_path):
 
 
 def test_a_summary_says_how_many_and_why(grid):
-    text = grid.summary()
+    text = repr(grid)
+    assert text == grid.summary()
     failed = len(grid.failures)
     assert "NOT TRUSTWORTHY" not in text  # it counts finished runs; the failed ones have their errors
     assert f"{16 - failed} ok, {failed} failed, 0 missing" in text

@@ -175,7 +175,8 @@ def _load(name: str, kind: str, is_kind: Callable[[Any], bool]) -> Any:
         NameNotFoundError: there is no such module or object.
     """
     module_name, _, path = name.partition(":")
-    module = f"module {module_name!r}"
+    alone = " of this process; put it into a module (a file of its own), which others can import, too"
+    module = f"module {module_name!r}{alone * (module_name == '__main__')}"
     require_allowed([name])
     try:
         value: Any = importlib.import_module(module_name)
