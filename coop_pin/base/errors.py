@@ -479,6 +479,11 @@ def is_users_file(file: str) -> bool:
     return not (file.startswith(_KNOWN) or is_installed(Path(file)))
 
 
+def _kept(time: float) -> str:
+    """Return that a result is kept; "" before the first tick is over, when there is none."""
+    return "; the result up to then is kept" if time > 0.0 else ""
+
+
 class UserCodeError(CoopPinError, RuntimeError):
     """An exception (``cause``, and __cause__) in the user's ``function`` at ``time`` s, sys.exit included.
 
@@ -489,8 +494,8 @@ class UserCodeError(CoopPinError, RuntimeError):
         self.time, self.cause = time, f"{type(error).__name__}: {error}"
         self.file, self.line, self.function = place_of(error)
         super().__init__(
-            f"at t = {time:.6g} s {self.function} failed at {self.file}:{self.line}: {self.cause}; the result"
-            " up to then is kept"
+            f"at t = {time:.6g} s {self.function} failed at {self.file}:{self.line}: {self.cause}"
+            f"{_kept(time)}"
         )
 
 
@@ -515,7 +520,7 @@ class DivergedError(CoopPinError, ArithmeticError):
             remedy = "a gain, a motion, a squeeze or an event is too large for floating-point numbers"
         super().__init__(
             f"the run diverged at t = {time:.6g} s: {quantity} reached {value:.3g} (limit {limit:.3g});"
-            f" {remedy}; the result up to then is kept"
+            f" {remedy}{_kept(time)}"
         )
 
 
@@ -524,7 +529,7 @@ class RunInterruptedError(_Interrupt):
 
     def __init__(self, time: float, result: Any) -> None:
         self.time, self.result = time, result
-        super().__init__(f"the run was interrupted at t = {time:.6g} s; the result up to then is kept")
+        super().__init__(f"the run was interrupted at t = {time:.6g} s{_kept(time)}")
 
 
 # ---------------------------------------------------------------- sweeps

@@ -54,6 +54,7 @@ def test_a_law_that_raises_or_ends_the_program_is_named_with_its_line(cell, engi
     assert isinstance(error, UserCodeError)
     assert (error.function, error.line) == (f"{law}.step", first + len(lines) - 1)
     assert error.cause.startswith({"Raises": "AttributeError", "Exits": "SystemExit: 3"}[law])
+    assert ("is kept" in str(error)) == (error.result is not None) == (error.time > 0.0)
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)
