@@ -667,3 +667,18 @@ def test_where_one_error_never_decays_no_mean_has_the_start_of_the_others_in_it(
     assert metrics["moving_position_rms_m"] <= metrics["position_error_max_m"] < 2e-3
     assert result.windows_of("moving_position_rms_m")[0].start >= largest.start
     assert result.windows_of("internal_force_error_max_N") == (Window(0.0, result.end),)
+
+
+@pytest.mark.parametrize("name", ["adept-compliant", "two-pandas-box"])
+@pytest.mark.parametrize(
+    "event",
+    [
+        {"kind": "payload-change", "time": 0.0, "mass": 5.0},
+        {"kind": "gravity-turn", "time": 0.0, "gravity": [0.0, 9.81, 0.0]},
+    ],
+)
+def test_energy_is_balanced_from_before_an_event_at_the_start(name, event):
+    result = cp.run(name, {"duration": 0.05, "events": [event]}, warn=False)
+    work = result.data["work_payload_change"].values[0]
+    assert abs(work) > 0.005  # J, all of it in the first sample
+    assert result.energy_balance_max() < 1e-6
