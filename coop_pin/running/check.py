@@ -40,6 +40,7 @@ from coop_pin.running.cell_findings import (
 )
 from coop_pin.running.payload_findings import payload_findings
 from coop_pin.running.plausibility import implausible_numbers
+from coop_pin.running.release_findings import release_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.admittance_stability import admittance_stability
@@ -93,7 +94,7 @@ def check(
         left = LEFT_TO_CHECK
     else:
         entries += [*record_findings(simulation), *lost_arm_findings(scenario, reach)]
-        entries += distance_findings(stated, reach)
+        entries += [*distance_findings(stated, reach), *release_findings(scenario)]
         if gains_are_known(scenario):
             entries += steady_findings(simulation, reach, bias, bias_turn, load)
     entries = _with_remedies(scenario, entries, poses, table_error)
@@ -124,6 +125,7 @@ def quick_findings(simulation: Simulation) -> Findings:
         entries += [*freedom_findings(stated, path), *payload_findings(simulation)]
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         entries.extend(stability_findings(simulation, reach, along=False))
+        entries += release_findings(scenario)
     simulation.restore(start)
     left = tuple(kind for kind in LEFT_TO_CHECK if kind not in {finding.kind for finding in entries})
     return Findings(scenario.name, sorted_findings(entries), left)
@@ -176,7 +178,8 @@ def _cure(scenario: Scenario, changes: dict[str, Any], poses: int, table_error: 
     with contextlib.suppress(CoopPinError):
         changed = scenario.override(changes)
         reach = reachability(changed, poses=poses)
-        findings = task_findings(changed, reach, prepared_run(changed, reach), table_error)
+        findings = [*task_findings(changed, reach, prepared_run(changed, reach), table_error)]
+        findings += release_findings(changed)
         return _Cure(changes, {finding.kind for finding in findings if finding.severity == "error"})
     return _Cure(changes, {*get_args(Kind)})
 
