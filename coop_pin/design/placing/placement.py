@@ -13,15 +13,16 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import exp3, inverse_pose, task_rows
-from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.grasp import JointGrasp
 from coop_pin.description.cell.payload import Payload
+from coop_pin.description.thresholds import TrustThresholds
 from coop_pin.design.placing.contacts import Contact, Shoulders
+from coop_pin.design.placing.tool_axes import tool_axis, triad
 from coop_pin.feasibility.cell_summary import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.ik_solver import IKSolver
-from coop_pin.model.pinocchio_model import frame_id
 
 _HEIGHTS = (0.2, 0.3, 0.4, 0.55)
 """Heights of the payload that are tried, over the least reach of the arms."""
@@ -41,10 +42,13 @@ _OFF_GROUND = 0.05
 """Least distance of the payload from the ground, m."""
 _IN_RANGE = 0.02
 """Least part of a joint's range that is left around the start: the motion and the squeeze take some."""
+_CONDITION = TrustThresholds().jacobian_condition
+"""Condition number of an arm that leaves no margin: a run beyond it is not trustworthy."""
 _GRAVITY = np.array((0.0, 0.0, -9.81))
-_SMALL, _FLUSH, _ACROSS = 1e-9, 1e-3, 0.4
-"""Numbers that count as zero; length below which it does not tell where the tool points, m; cosine below
-which the last joint's axis is across the tool."""
+_SMALL = 1e-9
+"""Numbers that count as zero."""
+_HINGED = 5
+"""Number of joints of an arm whose grasp is a hinge: it leaves free the turn that the arm lacks."""
 
 
 class Place(NamedTuple):
@@ -53,7 +57,7 @@ class Place(NamedTuple):
     Attributes:
         margin: least part of torque, joint range and condition number that is left around the start.
         base: X_WB.
-        grasp: X_PE.
+        grasp: X_PE; of five joints a hinge.
         posture: joint angles at the start, rad or m.
     """
 
@@ -82,6 +86,18 @@ class Workspace(NamedTuple):
         return min(arm.margin for arm in self.places)
 
 
+class _Hold(NamedTuple):
+    """Grasp at one turn of the tool about its approach.
+
+    Attributes:
+        grasp: X_PE; a hinge of an arm that has as many joints as that holds rows.
+        solver: inverse kinematics, which leave the turn of a hinge free.
+    """
+
+    grasp: Pose
+    solver: IKSolver
+
+
 class ArmPlacement:
     """Search for the base of one arm.
 
@@ -90,6 +106,7 @@ class ArmPlacement:
         reach: maximum reach of the arm, m.
         farthest: largest distance of its base from the payload's centre, m.
         is_planar: whether its tip moves in a horizontal plane.
+        is_hinged: whether it has five joints: a hinge across the tool then leaves free the turn that it lacks.
         plane: height of the tip above the base at zero joint angles, m.
         shoulders: shoulders of the robot that the arm belongs to; None of an arm with a base of its own.
     """
@@ -114,7 +131,7 @@ class ArmPlacement:
         count = _SHARED_SEEDS if contact.one_base else _SEEDS
         self._seeds = [q, *model.limits.random_configurations(count - 1)]
         self.is_planar = all(np.abs(model.payload_jacobian(seed)[2:5]).max() < _SMALL for seed in self._seeds)
-        X_BE, tool = model.tip_pose(q), _tool_axis(model, q)
+        X_BE, tool = model.tip_pose(q), tool_axis(model, q)
         self.plane = float(X_BE[2, 3])
         if self.is_planar:
             contact = contact._replace(point=contact.point * (1.0, 1.0, 0.0), approach=X_BE[:3, :3] @ tool)
@@ -122,13 +139,27 @@ class ArmPlacement:
         self._direction = np.array((np.cos(contact.around), np.sin(contact.around), 0.0))
         self._offset = max(0.0, float(contact.point @ self._direction))
         self.farthest = self._offset + self.reach
-        level = abs(contact.approach[2]) < 0.5
-        self._R_WE = (
-            _triad(contact.approach, np.eye(3)[2] if level else self._direction)
-            @ _triad(tool, np.eye(3)[np.abs(tool).argmin()]).T
-        )
-        self._solver = IKSolver(model)
+        self.is_hinged = model.nv == _HINGED and not self.is_planar
+        across = np.eye(3)[2] if abs(contact.approach[2]) < 0.5 else self._direction
+        R_WE = triad(contact.approach, across) @ triad(tool, np.eye(3)[np.abs(tool).argmin()]).T
+        self._holds = [self._hold(exp3(roll * contact.approach) @ R_WE, across) for roll in _ROLLS]
         self._rows = task_rows("planar" if self.is_planar else "full")
+
+    def _hold(self, R_PE: Array, across: Array) -> _Hold:
+        """Return the grasp with an orientation; where it is a hinge, that turns about an axis of P."""
+        X_PE = np.eye(4)
+        X_PE[:3, :3], X_PE[:3, 3] = R_PE, self._contact.point
+        grasp = Pose(**Pose.from_matrix(X_PE).by_axis())
+        if self.is_hinged:
+            axis = (np.round(R_PE.T @ across, 6) + 0.0).tolist()
+            grasp = hinge = JointGrasp(xyz=grasp.xyz, rpy=grasp.rpy, axis=axis)
+            self._model.to_held_rows = hinge.to_held_rows
+        return _Hold(grasp, IKSolver(self._model))
+
+    @property
+    def grasp(self) -> Pose:
+        """X_PE with the first turn of the tool."""
+        return self._holds[0].grasp
 
     @property
     def distances(self) -> list[float]:
@@ -148,14 +179,11 @@ class ArmPlacement:
             origin: point of a robot from which they count, and which way is forward.
         """
         best: Place | None = None
-        for distance, roll in itertools.product(distances, _ROLLS):
-            base, X_PE = self.base(distance, height, origin), np.eye(4)
-            X_PE[:3, :3] = exp3(roll * self._contact.approach) @ self._R_WE
-            X_PE[:3, 3] = self._contact.point
+        for distance, hold in itertools.product(distances, self._holds):
+            base = self.base(distance, height, origin)
             X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
-            for margin, q in self._solutions(X_BP, X_PE, stroke, -np.inf if best is None else best.margin):
-                posture = tuple(self._model.joint_angles(q).tolist())
-                best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
+            for margin, q in self._solutions(X_BP, hold, stroke, -np.inf if best is None else best.margin):
+                best = Place(margin, base, hold.grasp, tuple(self._model.joint_angles(q).tolist()))
         return best
 
     def base(self, distance: float, height: float, origin: Shoulders | None) -> Pose:
@@ -174,68 +202,42 @@ class ArmPlacement:
         return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
 
     def _solutions(
-        self, X_BP: Array, X_PE: Array, stroke: float, least: float
+        self, X_BP: Array, hold: _Hold, stroke: float, least: float
     ) -> Iterator[tuple[float, Array]]:
         """Yield configurations that hold the payload and can move it by the stroke, each with more margin."""
         rows = [row for row in self._rows.indices if row < 3]
         for seed in self._seeds:
-            q, margin = self._solved(X_BP, X_PE, seed)
+            q, margin = self._solved(X_BP, hold, seed)
             for row, step in itertools.product(rows, (-stroke, stroke)):
                 if margin <= least:
                     break
                 moved = X_BP.copy()
                 moved[row, 3] += step
-                margin = min(margin, self._solved(moved, X_PE, q)[1])
+                margin = min(margin, self._solved(moved, hold, q)[1])
             if margin > least:
                 least = margin
                 yield margin, q
 
-    def _solved(self, X_BP: Array, X_PE: Array, seed: Array) -> tuple[Array, float]:
+    def _solved(self, X_BP: Array, hold: _Hold, seed: Array) -> tuple[Array, float]:
         """Return the configuration that holds the payload, and its margin; -inf if there is none."""
-        solution = self._solver.solve(pin.SE3(X_BP @ X_PE), seed, steps=_STEPS)
+        solution = hold.solver.solve(pin.SE3(X_BP @ hold.grasp.matrix), seed, steps=_STEPS)
         q = self._model.limits.wrap_near(solution.q, seed)
         holds = solution.is_closed and self._model.limits.margin(q) > _IN_RANGE
         if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
             holds = min(joint_heights(self._model, q).values()) >= 0.0
-        return q, self._margin(q, X_BP) if holds else -np.inf
+        return q, self._margin(q, X_BP, hold) if holds else -np.inf
 
-    def _margin(self, q: Array, X_BP: Array) -> float:
+    def _margin(self, q: Array, X_BP: Array, hold: _Hold) -> float:
         """Return the least part left of torque, joint range and condition number, as ``posture_margins``."""
         model, J = self._model, self._model.payload_jacobian(q)  # of the tip: the model has no grasp
-        lever = X_BP[:3, 3] - model.tip_pose(q)[:3, 3]
-        F = np.concatenate((self._load, np.cross(lever, self._load)))
-        tau = (model.nonlinear_effects(q, np.zeros(model.nv)) - J.T @ F) @ model.from_drive
-        condition = float(np.linalg.cond(self._rows.select(J) @ model.from_drive))
+        X_BE, grasp = model.tip_pose(q), hold.grasp
+        at_tip = np.kron(np.eye(2), X_BE[:3, :3].T) @ J
+        J[:3] += np.cross(J[3:], X_BP[:3, 3] - X_BE[:3, 3], axis=0)
+        held = grasp.to_held_rows @ at_tip if isinstance(grasp, JointGrasp) else self._rows.select(J)
+        condition = float(np.linalg.cond(held[held.any(axis=1)] @ model.from_drive))
+        tau = (model.nonlinear_effects(q, np.zeros(model.nv)) - J[:3].T @ self._load) @ model.from_drive
         used = float((np.abs(tau) / model.limits.torque).max())
-        return min(1.0 - used, model.limits.margin(q), 1.0 - condition / CONDITION_LIMIT)
-
-
-def _tool_axis(model: ArmModel, q: Array) -> Array:
-    """Return the direction of the tool in tip axes: the last joint's axis, away from the wrist.
-
-    Where this axis is across the way from the nearest joint to the tip, as in a wrist that bends last, it is
-    that way.
-    """
-    data = model.model.createData()
-    pin.forwardKinematics(model.model, data, q)
-    X_BE, last = model.tip_pose(q), model.model.frames[frame_id(model.model, "tip")].parentJoint
-    column = model.payload_jacobian(q)[:, model.model.joints[last].idx_v]
-    axis = column[3:] if column[3:].any() else column[:3]
-    axis /= np.linalg.norm(axis)
-    joint = last
-    while joint and np.linalg.norm(X_BE[:3, 3] - data.oMi[joint].translation) < _FLUSH:
-        joint = model.model.parents[joint]
-    way = X_BE[:3, 3] - data.oMi[joint].translation if joint else axis
-    along = float(axis @ way) / float(np.linalg.norm(way))
-    bends = abs(along) < _ACROSS and bool(column[3:].any())
-    return X_BE[:3, :3].T @ (way / np.linalg.norm(way) if bends else np.copysign(axis, axis * along))
-
-
-def _triad(first: Array, second: Array) -> Array:
-    """Return the rotation whose columns are a unit vector, another one's part across it, their product."""
-    across = second - first * (first @ second)
-    across /= np.linalg.norm(across)
-    return np.column_stack((first, across, np.cross(first, across)))
+        return min(1.0 - used, model.limits.margin(q), 1.0 - condition / _CONDITION)
 
 
 _Tried: TypeAlias = tuple[float, list[Place | None]]
