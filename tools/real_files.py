@@ -6,8 +6,9 @@ python tools/real_files.py FILES OUT yumi movo   # some of them
 FILES has ``pip/``, where packages were installed with ``pip install --no-deps --target``, and
 ``git/OWNER/NAME/`` with the files of public repositories. Rows whose robots are plain names are of
 example-robot-data. A row whose first command is refused has the remedy that the refusal named, as further
-options or as an edit of the file, ``PATTERN => TEXT``, of one that it includes, ``PATH: PATTERN => TEXT``, or of
-its name, ``NAME => NAME``; it is executed, and counts only if the cell then keeps its task.
+options or as an edit of the file, ``PATTERN => TEXT``, of one that it includes, ``PATH: PATTERN => TEXT``, or
+of its name, ``NAME => NAME``, or as several, ``EDIT ;; EDIT``; it is executed, and counts only if the cell then
+keeps its task.
 """
 
 from __future__ import annotations
@@ -73,22 +74,23 @@ def made(robots: list[str], options: list[str], scenario: Path, files: Path) -> 
 
 
 @contextlib.contextmanager
-def edited(robots: list[str], edit: str, files: Path) -> Iterator[list[str]]:
-    """Yield the robots of a row with the edit of its remedy, which is undone at the end."""
-    pattern, _, text = edit.partition(" => ")
-    first, (included, _, part) = Path((*robots, "")[0]), pattern.partition(": ")
-    if not edit:
-        yield robots
-    elif pattern == first.name:
-        shutil.copy(first, first.with_name(text))
-        yield [str(first.with_name(text))] * len(robots)
-    else:
-        file = files / included if part else first
-        original = file.read_text()
-        file.write_text(re.sub(part or pattern, text, original))
-        try:
-            yield robots
-        finally:
+def edited(robots: list[str], edits: str, files: Path) -> Iterator[list[str]]:
+    """Yield the robots of a row with the edits of its remedy, which are undone at the end."""
+    originals, first = dict[Path, str](), Path((*robots, "")[0])
+    try:
+        for edit in filter(None, edits.split(" ;; ")):
+            pattern, _, text = edit.partition(" => ")
+            included, _, part = pattern.partition(": ")
+            file = files / included if part else first
+            if pattern == first.name:
+                first = Path(shutil.copy(first, first.with_name(text)))
+            else:
+                before = file.read_text()
+                originals.setdefault(file, before)
+                file.write_text(re.sub(part or pattern, text, before))
+        yield [str(first)] * len(robots) if edits else robots
+    finally:
+        for file, original in originals.items():
             file.write_text(original)
 
 

@@ -34,11 +34,14 @@ class RobotFiles(NamedTuple):
         file = find_urdf(robot, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
         return Robot(load_checked(file, parts=False))
 
-    def arm(self, robot: str | Path, tip: str, links: Robot, others: Sequence[str] = ()) -> Arm:
-        """Return the arm of a robot that ends at a tip; joints that do not move it alone are locked."""
-        held = {joint: angle for joint, angle in self.locked.items() if joint in links.joints}
-        fields = self._asdict() | {"locked": links.idle(tip, others) | held}
-        return Arm.from_urdf(robot, tip, **fields)
+    def held(self, links: Robot, tip: str, others: Sequence[str] = ()) -> dict[str, float]:
+        """Return the locked joints of an arm: those stated, and those that do not move its tip alone."""
+        stated = {joint: angle for joint, angle in self.locked.items() if joint in links.joints}
+        return links.idle(tip, others) | stated
+
+    def arm(self, robot: str | Path, tip: str, locked: Mapping[str, float]) -> Arm:
+        """Return the arm of a robot that ends at a tip."""
+        return Arm.from_urdf(robot, tip, **self._asdict() | {"locked": locked})
 
 
 def named_arms(arms: Sequence[str | Path | Arm], tips: Sequence[str], files: RobotFiles) -> dict[str, Arm]:
@@ -67,7 +70,7 @@ def _arm(robot: str | Path, tip: str, name: str, files: RobotFiles) -> Arm:
     if len(tools) != 1:
         listed = ", ".join(map(repr, tools))
         raise UrdfError(f"{str(robot)!r} may hold with {listed}; choose one in tips", f"arms.{name}", tools)
-    return files.arm(robot, tools[0], links)
+    return files.arm(robot, tools[0], files.held(links, tools[0]))
 
 
 def arms_of_robot(
@@ -108,6 +111,7 @@ def arms_of_robot(
         raise UrdfError(reason, "arms.0", tools)
     if srdf is not None:
         tools = tuple(srdf.tips.get(tool, tool) for tool in tools)
+    locked = {tip: files.held(links, tip, [other for other in tools if other != tip]) for tip in tools}
     movers = {tip: links.movers(tip) for tip in tools}
     alone = {tip: _alone(tip, movers) for tip in tools}
     if idle := [tip for tip, joints in alone.items() if not joints]:
@@ -119,8 +123,7 @@ def arms_of_robot(
     ways = {tip: links.pose(joints[0], {})[1, 3] for tip, joints in alone.items()}
     tools = tuple(sorted(tools, key=lambda tip: (-round(ways[tip], 2), -links.pose(tip, {})[1, 3])))
     arms = {
-        name: files.arm(robot, tip, links, [other for other in tools if other != tip])
-        for name, tip in zip(_names(len(tools)), tools, strict=True)
+        name: files.arm(robot, tip, locked[tip]) for name, tip in zip(_names(len(tools)), tools, strict=True)
     }
     if srdf is not None:
         arms = {name: arm.replace(posture=srdf.posture(arm.moving_joints())) for name, arm in arms.items()}

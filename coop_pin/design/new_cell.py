@@ -19,7 +19,6 @@ from coop_pin.base.errors import (
     OutOfRangeError,
     suggestion,
 )
-from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial.task_rows import RowsName
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
@@ -76,7 +75,8 @@ def new_cell(
     motion stays within that range; rate, gains, postures and steps are those of ``cp.suggest``. Arms that
     move in a horizontal plane hold the payload in that plane. Joints stay above the ground, and arms, payload
     and torso apart by the clearance, where they can, and it is told where not. Arms of one robot keep their
-    common base, and joints that move several of them are locked.
+    common base, and joints that move several of them are locked. An arm of five joints holds by a hinge,
+    whose turn it lacks.
 
     Args:
         arms: two or more, or one robot with two: names of robots, URDF or xacro files, or arms, whose bases
@@ -144,16 +144,16 @@ def new_cell(
     placements = searches(named, held, grasp or "sides", shape)
     is_planar = all(arm.is_planar for arm in placements)
     rows: RowsName = "planar" if is_planar else "full"
-    grasps = {arm.name: arm.grasp for arm in placements}
+    grasps = {arm.name: arm.holds[0].grasp for arm in placements}
     cell = Cell(arms=named, payload=held, grasps=grasps, rows=rows, clearance=clearance)
     try:
         require_rank(cell)
     except InfeasibleMotionError as error:
-        command = "coop-pin run five-joint-pair --out five, then edit the arms of five/scenario.toml"
         advice = (
-            "a new cell has full rows. To hold a payload with fewer joints start from the catalogue's cell"
+            "a new cell takes arms of five joints or more, or that move in one horizontal plane: take another"
+            " arm, or add the joint that it lacks to its file"
         )
-        raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}: {command}") from None
+        raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}") from None
     tell = progress or (lambda _: None)
     tell(f"places of the bases of {len(named)} arms")
     only_one = grasp is not None or is_planar or distance is not None

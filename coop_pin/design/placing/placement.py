@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array
-from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import exp3, inverse_pose, task_rows
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.grasp import JointGrasp
-from coop_pin.description.cell.payload import Payload
 from coop_pin.description.thresholds import TrustThresholds
 from coop_pin.design.placing.contacts import Contact, Shoulders
 from coop_pin.design.placing.tool_axes import tool_axis, triad
@@ -24,22 +22,14 @@ from coop_pin.feasibility.motion_feasibility import joint_heights
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.ik_solver import IKSolver
 
-_HEIGHTS = (0.2, 0.3, 0.4, 0.55)
-"""Heights of the payload that are tried, over the least reach of the arms."""
 _DISTANCES = (0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances from base to tip that are tried, over the reach of the arm."""
 _SHOULDER_DISTANCES = (0.3, 0.4, 0.5, 0.6)
 """Likewise for the arms of one robot, whose shoulders lie before and beside its base."""
-_SHOULDER_HEIGHTS = (-0.6, -0.4, -0.2, 0.0)
-"""Heights of the payload over their shoulders that are tried, over the least reach of the arms."""
 _ROLLS = (0.0, np.pi / 2.0, np.pi, -np.pi / 2.0)
 """Turns of a tool about its approach that are tried, rad."""
 _SEEDS, _SHARED_SEEDS, _STEPS = 4, 12, 60
 """Initial guesses of the inverse kinematics of an arm, of one whose base others share, and steps of each."""
-_STROKE = 0.1
-"""Distance around the start, over the least reach, at which every arm can hold the payload."""
-_OFF_GROUND = 0.05
-"""Least distance of the payload from the ground, m."""
 _IN_RANGE = 0.02
 """Least part of a joint's range that is left around the start: the motion and the squeeze take some."""
 _CONDITION = TrustThresholds().jacobian_condition
@@ -67,26 +57,7 @@ class Place(NamedTuple):
     posture: tuple[float, ...]
 
 
-class Workspace(NamedTuple):
-    """Pose of the payload that all arms can hold, and move by a stroke.
-
-    Attributes:
-        height: height of the payload's centre, m.
-        stroke: distance around it, m.
-        places: place of each arm.
-    """
-
-    height: float
-    stroke: float
-    places: list[Place]
-
-    @property
-    def margin(self) -> float:
-        """The least margin of the arms."""
-        return min(arm.margin for arm in self.places)
-
-
-class _Hold(NamedTuple):
+class Hold(NamedTuple):
     """Grasp at one turn of the tool about its approach.
 
     Attributes:
@@ -106,7 +77,8 @@ class ArmPlacement:
         reach: maximum reach of the arm, m.
         farthest: largest distance of its base from the payload's centre, m.
         is_planar: whether its tip moves in a horizontal plane.
-        is_hinged: whether it has five joints: a hinge across the tool then leaves free the turn that it lacks.
+        holds: grasp at each turn of the tool about its approach.
+        is_hinged: whether it has five joints: a hinge across the tool frees the turn that it lacks.
         plane: height of the tip above the base at zero joint angles, m.
         shoulders: shoulders of the robot that the arm belongs to; None of an arm with a base of its own.
     """
@@ -142,10 +114,10 @@ class ArmPlacement:
         self.is_hinged = model.nv == _HINGED and not self.is_planar
         across = np.eye(3)[2] if abs(contact.approach[2]) < 0.5 else self._direction
         R_WE = triad(contact.approach, across) @ triad(tool, np.eye(3)[np.abs(tool).argmin()]).T
-        self._holds = [self._hold(exp3(roll * contact.approach) @ R_WE, across) for roll in _ROLLS]
+        self.holds = [self._hold(exp3(roll * contact.approach) @ R_WE, across) for roll in _ROLLS]
         self._rows = task_rows("planar" if self.is_planar else "full")
 
-    def _hold(self, R_PE: Array, across: Array) -> _Hold:
+    def _hold(self, R_PE: Array, across: Array) -> Hold:
         """Return the grasp with an orientation; where it is a hinge, that turns about an axis of P."""
         X_PE = np.eye(4)
         X_PE[:3, :3], X_PE[:3, 3] = R_PE, self._contact.point
@@ -154,12 +126,7 @@ class ArmPlacement:
             axis = (np.round(R_PE.T @ across, 6) + 0.0).tolist()
             grasp = hinge = JointGrasp(xyz=grasp.xyz, rpy=grasp.rpy, axis=axis)
             self._model.to_held_rows = hinge.to_held_rows
-        return _Hold(grasp, IKSolver(self._model))
-
-    @property
-    def grasp(self) -> Pose:
-        """X_PE with the first turn of the tool."""
-        return self._holds[0].grasp
+        return Hold(grasp, IKSolver(self._model))
 
     @property
     def distances(self) -> list[float]:
@@ -179,9 +146,10 @@ class ArmPlacement:
             origin: point of a robot from which they count, and which way is forward.
         """
         best: Place | None = None
-        for distance, hold in itertools.product(distances, self._holds):
+        X_WP = Pose(xyz=(0.0, 0.0, height)).matrix
+        for distance, hold in itertools.product(distances, self.holds):
             base = self.base(distance, height, origin)
-            X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
+            X_BP = inverse_pose(base.matrix) @ X_WP
             for margin, q in self._solutions(X_BP, hold, stroke, -np.inf if best is None else best.margin):
                 best = Place(margin, base, hold.grasp, tuple(self._model.joint_angles(q).tolist()))
         return best
@@ -202,7 +170,7 @@ class ArmPlacement:
         return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
 
     def _solutions(
-        self, X_BP: Array, hold: _Hold, stroke: float, least: float
+        self, X_BP: Array, hold: Hold, stroke: float, least: float
     ) -> Iterator[tuple[float, Array]]:
         """Yield configurations that hold the payload and can move it by the stroke, each with more margin."""
         rows = [row for row in self._rows.indices if row < 3]
@@ -218,17 +186,23 @@ class ArmPlacement:
                 least = margin
                 yield margin, q
 
-    def _solved(self, X_BP: Array, hold: _Hold, seed: Array) -> tuple[Array, float]:
+    def _solved(self, X_BP: Array, hold: Hold, seed: Array) -> tuple[Array, float]:
         """Return the configuration that holds the payload, and its margin; -inf if there is none."""
         solution = hold.solver.solve(pin.SE3(X_BP @ hold.grasp.matrix), seed, steps=_STEPS)
         q = self._model.limits.wrap_near(solution.q, seed)
         holds = solution.is_closed and self._model.limits.margin(q) > _IN_RANGE
         if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
             holds = min(joint_heights(self._model, q).values()) >= 0.0
-        return q, self._margin(q, X_BP, hold) if holds else -np.inf
+        return q, self.margin(q, X_BP, hold) if holds else -np.inf
 
-    def _margin(self, q: Array, X_BP: Array, hold: _Hold) -> float:
-        """Return the least part left of torque, joint range and condition number, as ``posture_margins``."""
+    def margin(self, q: Array, X_BP: Array, hold: Hold) -> float:
+        """Return the least part left of torque, joint range and condition number, as ``posture_margins``.
+
+        Args:
+            q: configuration, shape (nq,).
+            X_BP: pose of the payload in the base.
+            hold: grasp.
+        """
         model, J = self._model, self._model.payload_jacobian(q)  # of the tip: the model has no grasp
         X_BE, grasp = model.tip_pose(q), hold.grasp
         at_tip = np.kron(np.eye(2), X_BE[:3, :3].T) @ J
@@ -238,85 +212,3 @@ class ArmPlacement:
         tau = (model.nonlinear_effects(q, np.zeros(model.nv)) - J[:3].T @ self._load) @ model.from_drive
         used = float((np.abs(tau) / model.limits.torque).max())
         return min(1.0 - used, model.limits.margin(q), 1.0 - condition / _CONDITION)
-
-
-_Tried: TypeAlias = tuple[float, list[Place | None]]
-"""Height of the payload, and the place of each arm up to the first that has none."""
-
-
-def common_places(
-    arms: Sequence[ArmPlacement], payload: Payload, distance: float | None
-) -> Iterator[Workspace]:
-    """Yield common workspaces, one for each height and each distance of a robot, the largest margins first.
-
-    The payload of one robot is looked for straight before its root, and then before the middle of its
-    shoulders, at heights about theirs.
-
-    Args:
-        arms: the searches.
-        payload: the payload.
-        distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
-
-    Raises:
-        InfeasibleMotionError: cause "reach": the bases are too far away, or there is no common workspace.
-    """
-    shortest = min(arms, key=lambda arm: arm.farthest)
-    if distance and distance > shortest.farthest:
-        raise InfeasibleMotionError(
-            "reach",
-            f"the bases are {distance:g} m from the payload's centre; {shortest.name} reaches"
-            f" {shortest.reach:.2f} m, to a contact {shortest.farthest - shortest.reach:.2f} m from it: state"
-            f" less than {shortest.farthest:.2f} m, or leave the distance out",
-        )
-    least = min(arm.reach for arm in arms)
-    ground = payload.size[2] / 2.0 + _OFF_GROUND
-    stroke, shoulders = round(_STROKE * least, 2), arms[0].shoulders
-    origins = [None] if shoulders is None else [shoulders.root, shoulders]
-    tried, has_one = list[_Tried](), False
-    for origin in origins:
-        above = 0.0 if origin is None else origin.middle[2] - origin.floor
-        parts = _SHOULDER_HEIGHTS if origin is shoulders and above else _HEIGHTS
-        heights = sorted({round(max(ground, above + part * least), 2) for part in parts})
-        if all(arm.is_planar for arm in arms):
-            heights = [arms[0].plane]
-        sets = [[distance]] if distance else [[]] if origin is None else [[one] for one in shortest.distances]
-        common = list[Workspace]()
-        for height, some in itertools.product(heights, sets):
-            tried.append((height, places := _places(arms, height, stroke, some, origin)))
-            if None not in places:
-                common.append(Workspace(height, stroke, [arm for arm in places if arm is not None]))
-        has_one = has_one or bool(common)
-        yield from sorted(common, key=lambda workspace: -workspace.margin)
-    if not has_one:
-        raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
-
-
-def _places(
-    arms: Sequence[ArmPlacement],
-    height: float,
-    stroke: float,
-    distances: list[float],
-    origin: Shoulders | None,
-) -> list[Place | None]:
-    """Return the place of each arm up to the first that has none; raises nothing."""
-    places = list[Place | None]()
-    for arm in arms:
-        places.append(arm.best(height, stroke, distances or arm.distances, origin))
-        if places[-1] is None:
-            break
-    return places
-
-
-def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[_Tried]) -> str:
-    """Return the heights at which each arm can hold the payload, and what to change."""
-    held = []
-    for k, arm in enumerate(arms):
-        looked = [(height, places[k]) for height, places in tried if len(places) > k]
-        heights = dict.fromkeys(f"{height:g}" for height, there in looked if there is not None)
-        if looked:
-            held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
-    every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
-    return (
-        f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Take a"
-        " smaller payload, another distance of the bases, arms of like reach, or leave out the grasp's side"
-    )
