@@ -6,8 +6,9 @@ python tools/real_files.py FILES OUT yumi movo   # some of them
 FILES has ``pip/``, where packages were installed with ``pip install --no-deps --target``, and
 ``git/OWNER/NAME/`` with the files of public repositories. Rows whose robots are plain names are of
 example-robot-data. A row whose first command is refused has the remedy that the refusal named, as further
-options or as edits, between `` ;; ``, of the file, ``PATTERN => TEXT``, of one that it includes, ``PATH: PATTERN
-=> TEXT``, or of its name, ``NAME => NAME``; they are executed, and count only if the cell then keeps its task.
+options or as edits, ``EDIT ;; EDIT``, of the file, ``PATTERN => TEXT``, of one that it includes, ``PATH:
+PATTERN => TEXT``, or of its name, ``NAME => NAME``; they are executed, and count only if the cell then keeps
+its task.
 """
 
 from __future__ import annotations
