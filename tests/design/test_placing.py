@@ -5,12 +5,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import FieldError
+from coop_pin.base.errors import FieldError, InfeasibleMotionError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose
 from coop_pin.cli import main
 from coop_pin.description.cell.grasp import JointGrasp
 from coop_pin.description.thresholds import TrustThresholds
+from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.design.named_arms import RobotFiles, named_arms
 from coop_pin.design.new_cell import new_cell
 from coop_pin.design.placing.drafts import searches
@@ -85,3 +86,27 @@ def test_spare_joints_follow_springs_that_are_stiff_for_the_steps(stiffness):
     times = np.linspace(0.0, 8.0, 101)
     path = held.path(times, reach.times[reach.first :], reach.q[reach.first :])
     assert np.abs(path - path[0]).max() < 1.0
+
+
+def test_arms_on_platforms_are_told_which_joints_to_lock(tmp_path):
+    """A platform of two slides of 5 m under a UR5: at the places that are tried it stands far away."""
+    text = load_checked(find_urdf("ur5"))
+    heavy = '<inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    slides = "".join(
+        f'<link name="{name}">{heavy}</link>'
+        f'<joint name="{name}_slide" type="prismatic"><parent link="{name}"/><child link="{child}"/><axis xyz="{axis}"/>'
+        '<limit lower="-5" upper="5" effort="100" velocity="1"/></joint>'
+        for name, child, axis in (("far", "near", "1 0 0"), ("near", "world", "0 1 0"))
+    )
+    (tmp_path / "driven.urdf").write_text(text.replace("</robot>", f"{slides}</robot>"))
+    with pytest.raises(InfeasibleMotionError, match="far_slide, near_slide"):
+        new_cell([tmp_path / "driven.urdf"] * 2)
+
+
+@pytest.mark.parametrize(("robot", "turn"), [("so100", np.pi / 2.0), ("ur5", 0.0), ("adept_3dof", 0.0)])
+def test_a_base_turns_the_way_that_its_arm_reaches_to_the_payload(robot, turn):
+    """The SO-100 reaches along -y of its base; arms that turn around stand with x ahead."""
+    named = named_arms([robot] * 2, (), RobotFiles())
+    left, right = searches(named, cp.Payload.box(1.0, (0.2, 0.2, 0.1)), "sides", "facing")
+    assert_allclose(left.base(0.5, 0.2, None).rpy[2], turn, atol=1e-6)
+    assert_allclose(np.cos(right.base(0.5, 0.2, None).rpy[2] - turn), -1.0, atol=1e-9)

@@ -35,6 +35,9 @@ _IN_RANGE = 0.02
 _CONDITION = TrustThresholds().jacobian_condition
 """Condition number of an arm that leaves no margin: a run beyond it is not trustworthy."""
 _GRAVITY = np.array((0.0, 0.0, -9.81))
+_SAMPLES, _ONE_WAY = 200, 0.3
+"""Configurations that are compared, and mean way of the tip over its mean distance from which on an arm
+reaches one way: 0.5 and more of real ones, and below 0.2 of those that turn around."""
 _SMALL = 1e-9
 """Numbers that count as zero."""
 _HINGED = 5
@@ -80,6 +83,7 @@ class ArmPlacement:
         holds: grasp at each turn of the tool about its approach.
         is_hinged: whether it has five joints: a hinge across the tool frees the turn that it lacks.
         plane: height of the tip above the base at zero joint angles, m.
+        slides: names of its prismatic joints.
         shoulders: shoulders of the robot that the arm belongs to; None of an arm with a base of its own.
     """
 
@@ -99,6 +103,8 @@ class ArmPlacement:
         self.shoulders = shoulders
         self._model = model = ArmModel(arm.replace(base=Pose()), name=name)
         self.name, self.reach = name, maximum_reach(arm)
+        kinds = arm.robot.joints
+        self.slides = [joint for joint in arm.moving_joints() if kinds[joint] == "prismatic"]
         q = model.posture(arm.posture)
         count = _SHARED_SEEDS if contact.one_base else _SEEDS
         self._seeds = [q, *model.limits.random_configurations(count - 1)]
@@ -114,6 +120,7 @@ class ArmPlacement:
         self.is_hinged = model.nv == _HINGED and not self.is_planar
         across = np.eye(3)[2] if abs(contact.approach[2]) < 0.5 else self._direction
         R_WE = triad(contact.approach, across) @ triad(tool, np.eye(3)[np.abs(tool).argmin()]).T
+        self._facing = 0.0 if self.is_planar else _facing(model)
         self.holds = [self._hold(exp3(roll * contact.approach) @ R_WE, across) for roll in _ROLLS]
         self._rows = task_rows("planar" if self.is_planar else "full")
 
@@ -166,8 +173,10 @@ class ArmPlacement:
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
         z = height - self.plane if self.is_planar else 0.0
         aim = self._contact.point
-        yaw = np.arctan2(aim[1] - y, aim[0] - x)
-        return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
+        yaw = float(np.arctan2(aim[1] - y, aim[0] - x)) - self._facing
+        return Pose(
+            xyz=(x, y, z), rpy=(0.0, 0.0, round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6))
+        )
 
     def _solutions(
         self, X_BP: Array, hold: Hold, stroke: float, least: float
@@ -212,3 +221,12 @@ class ArmPlacement:
         tau = (model.nonlinear_effects(q, np.zeros(model.nv)) - J[:3].T @ self._load) @ model.from_drive
         used = float((np.abs(tau) / model.limits.torque).max())
         return min(1.0 - used, model.limits.margin(q), 1.0 - condition / _CONDITION)
+
+
+def _facing(model: ArmModel) -> float:
+    """Return the direction in base axes, to a quarter turn, to which an arm that does not turn reaches."""
+    tips = np.array([model.tip_pose(q)[:2, 3] for q in model.limits.random_configurations(_SAMPLES)])
+    x, y = tips.mean(axis=0)
+    if np.hypot(x, y) < _ONE_WAY * np.linalg.norm(tips, axis=1).mean():
+        return 0.0
+    return float(np.round(np.arctan2(y, x) / (np.pi / 2.0)) * np.pi / 2.0)

@@ -115,8 +115,11 @@ def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[_Tried]) -> str:
         heights = dict.fromkeys(f"{height:g}" for height, there in looked if there is not None)
         if looked:
             held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
+    slides = ", ".join(dict.fromkeys(joint for arm in arms for joint in arm.slides))
+    platform = f", or lock the joints of a platform (locked), among them {slides}" if slides else ""
     every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
     return (
         f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Take a"
         " smaller payload, another distance of the bases, arms of like reach, or leave out the grasp's side"
+        f"{platform}"
     )
