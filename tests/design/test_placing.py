@@ -94,7 +94,8 @@ def test_arms_on_platforms_are_told_which_joints_to_lock(tmp_path):
     heavy = '<inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     slides = "".join(
         f'<link name="{name}">{heavy}</link>'
-        f'<joint name="{name}_slide" type="prismatic"><parent link="{name}"/><child link="{child}"/><axis xyz="{axis}"/>'
+        f'<joint name="{name}_slide" type="prismatic"><parent link="{name}"/>'
+        f'<child link="{child}"/><axis xyz="{axis}"/>'
         '<limit lower="-5" upper="5" effort="100" velocity="1"/></joint>'
         for name, child, axis in (("far", "near", "1 0 0"), ("near", "world", "0 1 0"))
     )
