@@ -158,14 +158,18 @@ def new_cell(
     tell(f"places of the bases of {len(named)} arms")
     only_one = grasp is not None or is_planar or distance is not None
     sides = (grasp or "sides",) if only_one else _SIDES if is_robot else ("sides", "above")
-    if not grasp and any(arm.is_hinged for arm in placements):  # from above their axes would be one line
+    hinged = ", ".join(arm.name for arm in placements if arm.is_hinged)
+    if hinged and not grasp:  # from above their axes would be one line
         sides = tuple(side for side in sides if side != "above")
     drafts = placed_drafts(cell, shape, sides, distance, name=name, motion=motion, squeeze=squeeze)
     tell(f"gains and steps of the law of {len(named)} arms")
     suggested, remarks = _proposed(drafts)
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
     low = () if is_planar or is_robot else _below_ground(scenario)
-    remarks = (*filter(None, [shared, *remarks]), *low)
+    hinges = (
+        f"grasps: hinges of {hinged}, which lack a turn; no forecast covers them: run it to see its errors"
+    )
+    remarks = (*filter(None, [shared, *remarks, hinged and hinges]), *low)
     return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *remarks))
 
 

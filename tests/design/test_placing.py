@@ -52,7 +52,9 @@ def cell_limit() -> float:
 
 @pytest.mark.gate
 def test_two_arms_of_five_joints_hold_by_upright_hinges_and_keep_their_task():
-    scenario = new_cell(["so100"] * 2).scenario.override({"duration": 4.5})
+    suggestion = new_cell(["so100"] * 2)
+    assert any("hinges of left, right" in change for change in suggestion.changes)
+    scenario = suggestion.scenario.override({"duration": 4.5})
     for grasp in scenario.cell.grasps.values():
         assert isinstance(grasp, JointGrasp)
         assert_allclose(np.abs(grasp.matrix[:3, :3] @ grasp.axis), (0.0, 0.0, 1.0), atol=1e-5)
