@@ -168,15 +168,14 @@ class ArmPlacement:
             yaw = np.arctan2(*-self._direction[1::-1]) - np.arctan2(fy, fx)
             ahead = exp3(yaw * np.eye(3)[2]) @ (origin.middle + distance * origin.forward)
             x, y, _ = (np.round(-ahead, 3) + 0.0).tolist()
-            turn = round(float(np.pi - np.remainder(np.pi - yaw, 2 * np.pi)), 6)
+            turn = round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6)
             return Pose(xyz=(x, y, -origin.floor), rpy=(0.0, 0.0, turn))
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
         z = height - self.plane if self.is_planar else 0.0
         aim = self._contact.point
         yaw = float(np.arctan2(aim[1] - y, aim[0] - x)) - self._facing
-        return Pose(
-            xyz=(x, y, z), rpy=(0.0, 0.0, round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6))
-        )
+        turn = round(float(np.pi - np.remainder(np.pi - yaw, 2 * np.pi)), 6)
+        return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, turn))
 
     def _solutions(
         self, X_BP: Array, hold: Hold, stroke: float, least: float
