@@ -6,20 +6,24 @@ python tools/real_files.py FILES OUT yumi movo   # some of them
 FILES has ``pip/``, where packages were installed with ``pip install --no-deps --target``, and
 ``git/OWNER/NAME/`` with the files of public repositories. Rows whose robots are plain names are of
 example-robot-data. A row whose first command is refused has the remedy that the refusal named, as further
-options or as an edit of the file, ``PATTERN => TEXT``, or of one that it includes, ``PATH: PATTERN => TEXT``;
-it is executed, and counts only if the cell then keeps its task.
+options or as edits, ``EDIT ;; EDIT``, of the file, ``PATTERN => TEXT``, of one that it includes, ``PATH:
+PATTERN => TEXT``, or of its name, ``NAME => NAME``; they are executed, and count only if the cell then keeps
+its task.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import json
 import os
 import re
+import shutil
 import signal
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +38,7 @@ _LOADED = cp.Simulation, cp.new_cell, cp.check
 TABLE = Path(__file__).with_suffix(".tsv")
 RESULTS = TABLE.with_name("real_files_results.tsv")
 _COLUMNS = ("name", "traits", "outcome", "refused", "remedy", "motion", "mm", "N")
+_COMMAND = ("robots", "options")
 _LIMIT, _REST = 1200, 1.0
 """Longest time of a command, s; time that a run goes on after the motion, s."""
 
@@ -59,52 +64,65 @@ def words(text: str, files: Path) -> list[str]:
     return [str(files / word) if word.startswith(("pip/", "git/")) else word for word in text.split()]
 
 
-def made(row: dict[str, str], files: Path, scenario: Path, options: str, edit: str = "") -> str:
-    """Write the cell of a row; return why it is refused, or nothing."""
+def made(robots: list[str], options: list[str], scenario: Path, files: Path) -> str:
+    """Write the cell of robots; return why it is refused, or nothing."""
     scenario.unlink(missing_ok=True)
-    robots = words(row["robots"], files)
-    if edit:
-        pattern, _, text = edit.partition(" => ")
-        included, _, part = pattern.partition(": ")
-        if part:
-            (files / included).write_text(re.sub(part, text, (files / included).read_text()))
-        else:
-            robots = [str(edited(Path(robot), pattern, text)) for robot in robots]
-    code, said = command("new", str(scenario), "--arms", *robots, *words(options, files))
+    code, said = command("new", str(scenario), "--arms", *robots, *options)
     scenario.with_suffix(".new.txt").write_text(said)
-    return (
-        "" if code == 0 else " ".join(said.partition("coop-pin: ")[2].replace(f"{files}/", "").split())[:400]
-    )
+    reason = said.rpartition("coop-pin: ")[2].replace(f"{files}/", "")
+    return "" if code == 0 else " ".join(reason.split())[:400]
 
 
-def edited(file: Path, pattern: str, text: str) -> Path:
-    """Return a copy of a file beside it, in which a pattern is replaced."""
-    copy = file.with_name(f"edited_{file.name}")
-    copy.write_text(re.sub(pattern, text, file.read_text()))
-    return copy
+@contextlib.contextmanager
+def edited(robots: list[str], edits: str, files: Path) -> Iterator[list[str]]:
+    """Yield the robots of a row with the edits of its remedy, which are undone at the end."""
+    originals, first = dict[Path, str](), Path((*robots, "")[0])
+    try:
+        for edit in filter(None, edits.split(" ;; ")):
+            pattern, _, text = edit.partition(" => ")
+            included, _, part = pattern.partition(": ")
+            file = files / included if part else first
+            if pattern == first.name:
+                first = Path(shutil.copy(first, first.with_name(text)))
+            else:
+                before = file.read_text()
+                originals.setdefault(file, before)
+                file.write_text(re.sub(part or pattern, text, before))
+        yield [str(first)] * len(robots) if edits else robots
+    finally:
+        for file, original in originals.items():
+            file.write_text(original)
 
 
 def outcome(row: dict[str, str], files: Path, out: Path) -> dict[str, str]:
     """Return the row of results of a robot."""
-    scenario, folder = out / f"{row['name']}.toml", out / row["name"]
+    scenario, robots, options = out / f"{row['name']}.toml", *(words(row[key], files) for key in _COMMAND)
     result = dict.fromkeys(_COLUMNS, "") | {"name": row["name"], "traits": row["traits"]}
-    if refusal := made(row, files, scenario, row["options"]):
-        result["refused"], result["remedy"] = refusal, row["remedy"] or row["edit"]
-        options = f"{row['options']} {row['remedy']}"
-        if not result["remedy"] or (refusal := made(row, files, scenario, options, row["edit"])):
-            return result | {"outcome": "refused", "refused": refusal}
+    if not (refusal := made(robots, options, scenario, files)):
+        return result | _run(scenario, out / row["name"])
+    result |= {"outcome": "refused", "refused": refusal, "remedy": row["remedy"] or row["edit"]}
+    if not result["remedy"]:
+        return result
+    with edited(robots, row["edit"], files) as robots:
+        if refusal := made(robots, [*options, *words(row["remedy"], files)], scenario, files):
+            return result | {"refused": refusal}
+        return result | _run(scenario, out / row["name"])
+
+
+def _run(scenario: Path, folder: Path) -> dict[str, str]:
+    """Return outcome, motion and errors of the run of a scenario."""
     motion = cp.Scenario.load(scenario).motion
     end = getattr(motion, "start_time", 0.0) + getattr(motion, "duration", 0.0) + _REST
     run = ("run", str(scenario), "--no-replay", "--no-figures", "--out", str(folder))
     _, said = command(*run, "--duration", str(end))
     scenario.with_suffix(".run.txt").write_text(said)
     if not (folder / "metrics.json").is_file():
-        return result | {"outcome": "no run", "refused": " ".join(said.split())[-400:]}
+        return {"outcome": "no run", "refused": " ".join(said.split())[-400:]}
     metrics = json.loads((folder / "metrics.json").read_text())
     numbers = (("mm", 1e3, "position_error_max_m"), ("N", 1.0, "internal_force_error_max_N"))
-    result["motion"] = _way(motion)
-    result |= {name: f"{scale * (metrics[key] or 0.0):.2g}" for name, scale, key in numbers}
-    return result | {"outcome": metrics["task"] if metrics["simulation_sound"] else "not sound"}
+    errors = {name: f"{scale * (metrics[key] or 0.0):.2g}" for name, scale, key in numbers}
+    task = metrics["task"] if metrics["simulation_sound"] else "not sound"
+    return errors | {"outcome": task, "motion": _way(motion)}
 
 
 def _way(motion: Any) -> str:

@@ -197,6 +197,8 @@ def new(
     package_dirs: _Folders = (),
     xacro_args: _Assignments = (),
     srdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    locked: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT=ANGLE...")] = (),
+    impossible_inertia: Literal["refuse", "repair"] = "refuse",
 ) -> None:
     """Write the scenario of a new cell, ready to run: arms placed around a payload, grasps, motion, gains.
 
@@ -220,6 +222,8 @@ def new(
         package_dirs: folders that are searched first for the packages of the robots.
         xacro_args: arguments of xacro files, and environment variables that they ask for.
         srdf: SRDF file of one robot, whose groups name tips and whose states name postures.
+        locked: joints that do not move, besides those that move no tip, and their angles, rad or m.
+        impossible_inertia: inertias that no body has: refused, or repaired with a warning.
 
     Raises:
         FieldError: the file exists, or an option is not among the allowed ones.
@@ -251,6 +255,8 @@ def new(
             package_dirs=package_dirs,
             xacro_args=_assignments(xacro_args),
             srdf=srdf,
+            locked=_angles(locked),
+            impossible_inertia=impossible_inertia,
             progress=working.tell,
         )
     suggested.scenario.save(path, commented=True)
@@ -287,12 +293,21 @@ def _urdf_file(urdf: str, package_dirs: Sequence[str], xacro_args: Sequence[str]
     return find_urdf(urdf, package_dirs=package_dirs, xacro_args=_assignments(xacro_args))
 
 
-def _assignments(xacro_args: Sequence[str]) -> dict[str, str]:
-    """Return arguments of a xacro, written NAME=VALUE or NAME:=VALUE; raises FieldError for another form."""
+def _assignments(words: Sequence[str], option: str = "--xacro-args") -> dict[str, str]:
+    """Return values by name, written NAME=VALUE or NAME:=VALUE; raises FieldError for another form."""
     values = {}
-    for word in xacro_args:
+    for word in words:
         name, equals, value = word.replace(":=", "=", 1).partition("=")
         if not (name and equals):
-            raise FieldError(f"is {word!r}; it must be NAME=VALUE", "--xacro-args")
+            raise FieldError(f"is {word!r}; it must be NAME=VALUE", option)
         values[name] = value
     return values
+
+
+def _angles(words: Sequence[str]) -> dict[str, float]:
+    """Return angles of joints, rad or m, written JOINT=ANGLE; raises FieldError for another form."""
+    values = _assignments(words, "--locked")
+    try:
+        return {joint: float(angle) for joint, angle in values.items()}
+    except ValueError as error:
+        raise FieldError(f"has an angle that is no number: {error}", "--locked") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from coop_pin.base.errors import FieldError, UrdfError
@@ -14,19 +15,33 @@ from coop_pin.description.urdf.srdf import Srdf
 
 
 class RobotFiles(NamedTuple):
-    """Where robots find their packages, and arguments of their xacro files.
+    """How the files of robots become arms.
 
     Attributes:
         package_dirs: folders that are searched first.
         xacro_args: arguments by name.
+        locked: joints that do not move, besides those that move no tip, and their angles, rad or m.
+        impossible_inertia: treatment of inertias that no body has, a field of the arms.
     """
 
-    package_dirs: tuple[str, ...]
-    xacro_args: dict[str, str]
+    package_dirs: tuple[str, ...] = ()
+    xacro_args: Mapping[str, str] = MappingProxyType({})
+    locked: Mapping[str, float] = MappingProxyType({})
+    impossible_inertia: str = "refuse"
 
     def robot(self, robot: str | Path) -> Robot:
         """Return the kinematics of a robot."""
-        return Robot(load_checked(find_urdf(robot, **self._asdict()), parts=False))
+        file = find_urdf(robot, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
+        return Robot(load_checked(file, parts=False))
+
+    def held(self, links: Robot, tip: str, others: Sequence[str] = ()) -> dict[str, float]:
+        """Return the locked joints of an arm: those stated, and those that do not move its tip alone."""
+        stated = {joint: angle for joint, angle in self.locked.items() if joint in links.joints}
+        return links.idle(tip, others) | stated
+
+    def arm(self, robot: str | Path, tip: str, locked: Mapping[str, float]) -> Arm:
+        """Return the arm of a robot that ends at a tip."""
+        return Arm.from_urdf(robot, tip, **self._asdict() | {"locked": locked})
 
 
 def named_arms(arms: Sequence[str | Path | Arm], tips: Sequence[str], files: RobotFiles) -> dict[str, Arm]:
@@ -55,7 +70,7 @@ def _arm(robot: str | Path, tip: str, name: str, files: RobotFiles) -> Arm:
     if len(tools) != 1:
         listed = ", ".join(map(repr, tools))
         raise UrdfError(f"{str(robot)!r} may hold with {listed}; choose one in tips", f"arms.{name}", tools)
-    return Arm.from_urdf(robot, tools[0], locked=links.idle(tools[0]), **files._asdict())
+    return files.arm(robot, tools[0], files.held(links, tools[0]))
 
 
 def arms_of_robot(
@@ -96,7 +111,7 @@ def arms_of_robot(
         raise UrdfError(reason, "arms.0", tools)
     if srdf is not None:
         tools = tuple(srdf.tips.get(tool, tool) for tool in tools)
-    locked = {tip: links.idle(tip, [other for other in tools if other != tip]) for tip in tools}
+    locked = {tip: files.held(links, tip, [other for other in tools if other != tip]) for tip in tools}
     movers = {tip: links.movers(tip) for tip in tools}
     alone = {tip: _alone(tip, movers) for tip in tools}
     if idle := [tip for tip, joints in alone.items() if not joints]:
@@ -108,8 +123,7 @@ def arms_of_robot(
     ways = {tip: links.pose(joints[0], {})[1, 3] for tip, joints in alone.items()}
     tools = tuple(sorted(tools, key=lambda tip: (-round(ways[tip], 2), -links.pose(tip, {})[1, 3])))
     arms = {
-        name: Arm.from_urdf(robot, tip, locked=locked[tip], **files._asdict())
-        for name, tip in zip(_names(len(tools)), tools, strict=True)
+        name: files.arm(robot, tip, locked[tip]) for name, tip in zip(_names(len(tools)), tools, strict=True)
     }
     if srdf is not None:
         arms = {name: arm.replace(posture=srdf.posture(arm.moving_joints())) for name, arm in arms.items()}

@@ -45,15 +45,16 @@ _ROLLS = (np.pi, np.pi / 2.0, -np.pi / 2.0)
 
 
 def require_rank(cell: Cell) -> None:
-    """Refuse an arm with fewer joints than task rows.
+    """Refuse an arm with fewer joints than task rows, or than its grasp holds where that is a joint.
 
     Raises:
         InfeasibleMotionError: cause "rank".
     """
     for name in cell.arms:
-        joints, rows = CellArm(cell, name).nv, cell.task_rows.size
-        if joints < rows:
-            raise InfeasibleMotionError("rank", f"arm {name!r} has {joint_shortage(joints, rows)}")
+        arm = CellArm(cell, name)
+        if arm.spare < 0:
+            rows = (arm.grasp_rows or arm.rows).size
+            raise InfeasibleMotionError("rank", f"arm {name!r} has {joint_shortage(arm.nv, rows)}")
 
 
 @typed

@@ -270,8 +270,9 @@ class HeldArm:
     def _with_spare_motion(self, t: Array, q_0: Array) -> Array:
         """Return the path on which the spare joints move.
 
-        ``N M N wdot = N (tau - g - c w - D qdot)`` with ``qdot = J^+ V + w``, implicit in damper c and in
-        the friction D. What is left of the pose error is taken out in each step.
+        ``N M N wdot = N (tau - g - c w - D qdot)`` with ``qdot = J^+ V + w``, implicit in the posture's
+        spring k and damper c and in the friction D: proposals try springs that are stiff for light wrists.
+        What is left of the pose error is taken out in each step.
         """
         model, rest, from_drive = self.model, np.zeros(self.model.nv), self.model.from_drive
         q_k, w, path = q_0, rest, [q_0]
@@ -286,7 +287,7 @@ class HeldArm:
                 M = from_drive.T @ model.mass_matrix(q_k) @ from_drive
                 D = from_drive.T @ self.friction.damping(from_drive @ (along + w)) @ from_drive
                 pulled = from_drive.T @ (self.other_torques(q_k, rest, N) - self.weight(q_k))
-                inert = M + h * (D + np.diag(self.damping))
+                inert = M + h * (D + np.diag(self.damping + h * self.stiffness))
                 w = np.linalg.solve(
                     N @ inert @ N + np.eye(model.nv) - N, N @ (M @ w + h * (pulled - D @ along))
                 )

@@ -10,7 +10,6 @@ from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import NameNotFoundError
 from coop_pin.base.spatial import FullRows
 from coop_pin.description.cell.cell import Cell
-from coop_pin.description.cell.closure import row_mask
 from coop_pin.description.cell.grasp import JointGrasp
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 
@@ -48,8 +47,7 @@ class CellArm(ArmModel):
         grasp = cell.grasps[name]
         self.grasp_rows = cell.grasp_rows(name) if isinstance(grasp, JointGrasp) else None
         if isinstance(grasp, JointGrasp) and self.nv < self.rows.size:
-            to_C = np.kron(np.eye(2), grasp.X_EC[:3, :3].T)
-            self.to_held_rows = np.diag(np.array(row_mask(grasp.closes), dtype=float)) @ to_C
+            self.to_held_rows = grasp.to_held_rows
             model, tip, X_WB, X_PE = self.key
             self.key = (model, tip, X_WB, X_PE + self.to_held_rows.tobytes())
 

@@ -204,9 +204,10 @@ def test_xacro_is_expanded_with_its_arguments_and_its_own_includes(tmp_path):
         for args in ({}, {"mass": "3.5"})
     ]
     assert [model.inertias[1].mass for model in models] == [1.0, 3.5]
-    (tmp_path / "arm.urdf.xacro").write_text(arm.replace("body.xacro", "none.xacro"))
-    with pytest.raises(UrdfError, match="cannot be expanded"):
-        Arm.from_urdf(tmp_path / "arm.urdf.xacro")
+    for included, reason in (("none.xacro", "cannot be expanded"), ("$(find far)/a.xacro", "package 'far':")):
+        (tmp_path / "arm.urdf.xacro").write_text(arm.replace("body.xacro", included))
+        with pytest.raises(UrdfError, match=reason):
+            Arm.from_urdf(tmp_path / "arm.urdf.xacro")
 
 
 def test_packages_and_arguments_of_a_xacro_reach_mechanisms_and_payloads(tmp_path):

@@ -18,6 +18,7 @@ from coop_pin.base.errors import (
     InfeasibleMotionError,
     NameNotFoundError,
     OutOfRangeError,
+    ScenarioError,
     UrdfError,
 )
 from coop_pin.cli import main
@@ -131,7 +132,9 @@ REFUSED = {
     "grasp": (["ur5"] * 2, {"grasp": "below"}, FieldError, "grasp"),
     "layout": (["ur5"] * 2, {"layout": "around"}, FieldError, "layout"),
     "mass": (["ur5"] * 2, {"mass": -1.0}, FieldError, "mass"),
-    "five joints": (["so100"] * 2, {}, InfeasibleMotionError, "rank"),
+    "four joints": (["so100"] * 2, {"locked": {"wrist_roll": 0.0}}, InfeasibleMotionError, "rank"),
+    "joint of no robot": (["ur5"] * 2, {"locked": {"lift": 0.0}}, NameNotFoundError, None),
+    "inertia": (["ur5"] * 2, {"impossible_inertia": "mend"}, ScenarioError, None),
     "bases too far": (["adept_3dof"] * 2, {"distance": 3.0}, InfeasibleMotionError, "reach"),
 }
 
@@ -144,7 +147,7 @@ def test_what_cannot_be_a_cell_is_refused_by_name(case):
     assert getattr(caught.value, "cause", None) or place in (None, getattr(caught.value, "path", ""))
     if isinstance(caught.value, InfeasibleMotionError):
         assert caught.value.cause == place
-        assert case != "five joints" or "coop-pin run five-joint-pair" in str(caught.value)
+        assert case != "four joints" or "five joints or more" in str(caught.value)
     if case in ("unknown", "two arms in a robot"):
         assert {"unknown": "xarm7", "two arms in a robot": "left_gripper"}[case] in str(caught.value)
 

@@ -15,7 +15,7 @@ from coop_pin.base.schema.base import Positive, Vector3, Vector6, by_name, not_n
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.description.cell.arm import Arm
-from coop_pin.description.cell.closure import NamedRows
+from coop_pin.description.cell.closure import NamedRows, row_mask
 from coop_pin.description.cell.contact import PatchGrasp
 from coop_pin.reference.joint_motion import JointMotion
 from coop_pin.reference.motions import Motion
@@ -134,6 +134,12 @@ class JointGrasp(Pose):
         """Rows of the closure, in axes of C."""
         rows: dict[str, NamedRows] = {"hinge": "axis", "ball": "point", "cylinder": "cylinder"}
         return rows[self.kind]
+
+    @property
+    def to_held_rows(self) -> Array:
+        """Map of a twist, or a gap, in grasp axes to the rows that it holds, zero in the others, (6, 6)."""
+        held: Array = np.diag(np.array(row_mask(self.closes), dtype=float))
+        return held @ np.kron(np.eye(2), self.X_EC[:3, :3].T)
 
 
 class ToolTip(Pose):

@@ -85,6 +85,10 @@ def _expand(
             [escape(path)], name=Path(path).stem, subargs=arguments, resolve_packages=False
         )
     except Exception as error:
+        if package := _missing_package(error):
+            raise ValueError(
+                f"there is no package {package!r}: its parent belongs into package_dirs"
+            ) from None
         name = next((name for name in skipped if f"name '{name}' is not defined" in str(error)), None)
         if name is None:
             raise
@@ -94,6 +98,13 @@ def _expand(
     if len(urdf) > largest:
         raise ValueError(f"it expands to {len(urdf)} bytes; a URDF has at most {largest}")
     return urdf
+
+
+def _missing_package(error: BaseException) -> str:
+    """Return the package that a xacro asks for and that is missing, or ""; xacro wraps what it catches."""
+    while inner := getattr(error, "exc", None):
+        error = inner
+    return str(error.args[0]) if type(error).__name__ == "PackageNotFoundError" else ""
 
 
 def _confine(xacrodoc: Any, allowed: list[Path], largest: int, arguments: dict[str, str]) -> dict[str, Path]:

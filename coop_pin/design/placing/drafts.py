@@ -15,7 +15,8 @@ from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.placing.contacts import Layout, Shoulders, Side, contacts
-from coop_pin.design.placing.placement import ArmPlacement, Workspace, common_places
+from coop_pin.design.placing.placement import ArmPlacement
+from coop_pin.design.placing.workspace import Workspace, common_places
 from coop_pin.feasibility.cell_distances import CellDistances
 from coop_pin.feasibility.distances import distances, measured
 from coop_pin.feasibility.reachability import reachability

@@ -4,47 +4,44 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array
-from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import exp3, inverse_pose, task_rows
-from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.cell.arm import Arm
-from coop_pin.description.cell.payload import Payload
+from coop_pin.description.cell.grasp import JointGrasp
+from coop_pin.description.thresholds import TrustThresholds
 from coop_pin.design.placing.contacts import Contact, Shoulders
+from coop_pin.design.placing.tool_axes import tool_axis, triad
 from coop_pin.feasibility.cell_summary import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.ik_solver import IKSolver
-from coop_pin.model.pinocchio_model import frame_id
 
-_HEIGHTS = (0.2, 0.3, 0.4, 0.55)
-"""Heights of the payload that are tried, over the least reach of the arms."""
 _DISTANCES = (0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances from base to tip that are tried, over the reach of the arm."""
 _SHOULDER_DISTANCES = (0.3, 0.4, 0.5, 0.6)
 """Likewise for the arms of one robot, whose shoulders lie before and beside its base."""
-_SHOULDER_HEIGHTS = (-0.6, -0.4, -0.2, 0.0)
-"""Heights of the payload over their shoulders that are tried, over the least reach of the arms."""
 _ROLLS = (0.0, np.pi / 2.0, np.pi, -np.pi / 2.0)
 """Turns of a tool about its approach that are tried, rad."""
 _SEEDS, _SHARED_SEEDS, _STEPS = 4, 12, 60
 """Initial guesses of the inverse kinematics of an arm, of one whose base others share, and steps of each."""
-_STROKE = 0.1
-"""Distance around the start, over the least reach, at which every arm can hold the payload."""
-_OFF_GROUND = 0.05
-"""Least distance of the payload from the ground, m."""
 _IN_RANGE = 0.02
 """Least part of a joint's range that is left around the start: the motion and the squeeze take some."""
+_CONDITION = TrustThresholds().jacobian_condition
+"""Condition number of an arm that leaves no margin: a run beyond it is not trustworthy."""
 _GRAVITY = np.array((0.0, 0.0, -9.81))
-_SMALL, _FLUSH, _ACROSS = 1e-9, 1e-3, 0.4
-"""Numbers that count as zero; length below which it does not tell where the tool points, m; cosine below
-which the last joint's axis is across the tool."""
+_SAMPLES, _ONE_WAY = 200, 0.3
+"""Configurations that are compared, and mean way of the tip over its mean distance from which on an arm
+reaches one way: 0.5 and more of real ones, and below 0.2 of those that turn around."""
+_SMALL = 1e-9
+"""Numbers that count as zero."""
+_HINGED = 5
+"""Number of joints of an arm whose grasp is a hinge: it leaves free the turn that the arm lacks."""
 
 
 class Place(NamedTuple):
@@ -53,7 +50,7 @@ class Place(NamedTuple):
     Attributes:
         margin: least part of torque, joint range and condition number that is left around the start.
         base: X_WB.
-        grasp: X_PE.
+        grasp: X_PE; of five joints a hinge.
         posture: joint angles at the start, rad or m.
     """
 
@@ -63,23 +60,16 @@ class Place(NamedTuple):
     posture: tuple[float, ...]
 
 
-class Workspace(NamedTuple):
-    """Pose of the payload that all arms can hold, and move by a stroke.
+class Hold(NamedTuple):
+    """Grasp at one turn of the tool about its approach.
 
     Attributes:
-        height: height of the payload's centre, m.
-        stroke: distance around it, m.
-        places: place of each arm.
+        grasp: X_PE; a hinge of an arm that has as many joints as that holds rows.
+        solver: inverse kinematics, which leave the turn of a hinge free.
     """
 
-    height: float
-    stroke: float
-    places: list[Place]
-
-    @property
-    def margin(self) -> float:
-        """The least margin of the arms."""
-        return min(arm.margin for arm in self.places)
+    grasp: Pose
+    solver: IKSolver
 
 
 class ArmPlacement:
@@ -90,7 +80,10 @@ class ArmPlacement:
         reach: maximum reach of the arm, m.
         farthest: largest distance of its base from the payload's centre, m.
         is_planar: whether its tip moves in a horizontal plane.
+        holds: grasp at each turn of the tool about its approach.
+        is_hinged: whether it has five joints: a hinge across the tool frees the turn that it lacks.
         plane: height of the tip above the base at zero joint angles, m.
+        slides: names of its prismatic joints.
         shoulders: shoulders of the robot that the arm belongs to; None of an arm with a base of its own.
     """
 
@@ -110,11 +103,13 @@ class ArmPlacement:
         self.shoulders = shoulders
         self._model = model = ArmModel(arm.replace(base=Pose()), name=name)
         self.name, self.reach = name, maximum_reach(arm)
+        kinds = arm.robot.joints
+        self.slides = [joint for joint in arm.moving_joints() if kinds[joint] == "prismatic"]
         q = model.posture(arm.posture)
         count = _SHARED_SEEDS if contact.one_base else _SEEDS
         self._seeds = [q, *model.limits.random_configurations(count - 1)]
         self.is_planar = all(np.abs(model.payload_jacobian(seed)[2:5]).max() < _SMALL for seed in self._seeds)
-        X_BE, tool = model.tip_pose(q), _tool_axis(model, q)
+        X_BE, tool = model.tip_pose(q), tool_axis(model, q)
         self.plane = float(X_BE[2, 3])
         if self.is_planar:
             contact = contact._replace(point=contact.point * (1.0, 1.0, 0.0), approach=X_BE[:3, :3] @ tool)
@@ -122,13 +117,23 @@ class ArmPlacement:
         self._direction = np.array((np.cos(contact.around), np.sin(contact.around), 0.0))
         self._offset = max(0.0, float(contact.point @ self._direction))
         self.farthest = self._offset + self.reach
-        level = abs(contact.approach[2]) < 0.5
-        self._R_WE = (
-            _triad(contact.approach, np.eye(3)[2] if level else self._direction)
-            @ _triad(tool, np.eye(3)[np.abs(tool).argmin()]).T
-        )
-        self._solver = IKSolver(model)
+        self.is_hinged = model.nv == _HINGED and not self.is_planar
+        across = np.eye(3)[2] if abs(contact.approach[2]) < 0.5 else self._direction
+        R_WE = triad(contact.approach, across) @ triad(tool, np.eye(3)[np.abs(tool).argmin()]).T
+        self._facing = 0.0 if self.is_planar else _facing(model)
+        self.holds = [self._hold(exp3(roll * contact.approach) @ R_WE, across) for roll in _ROLLS]
         self._rows = task_rows("planar" if self.is_planar else "full")
+
+    def _hold(self, R_PE: Array, across: Array) -> Hold:
+        """Return the grasp with an orientation; where it is a hinge, that turns about an axis of P."""
+        X_PE = np.eye(4)
+        X_PE[:3, :3], X_PE[:3, 3] = R_PE, self._contact.point
+        grasp = Pose(**Pose.from_matrix(X_PE).by_axis())
+        if self.is_hinged:
+            axis = (np.round(R_PE.T @ across, 6) + 0.0).tolist()
+            grasp = hinge = JointGrasp(xyz=grasp.xyz, rpy=grasp.rpy, axis=axis)
+            self._model.to_held_rows = hinge.to_held_rows
+        return Hold(grasp, IKSolver(self._model))
 
     @property
     def distances(self) -> list[float]:
@@ -148,14 +153,12 @@ class ArmPlacement:
             origin: point of a robot from which they count, and which way is forward.
         """
         best: Place | None = None
-        for distance, roll in itertools.product(distances, _ROLLS):
-            base, X_PE = self.base(distance, height, origin), np.eye(4)
-            X_PE[:3, :3] = exp3(roll * self._contact.approach) @ self._R_WE
-            X_PE[:3, 3] = self._contact.point
-            X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
-            for margin, q in self._solutions(X_BP, X_PE, stroke, -np.inf if best is None else best.margin):
-                posture = tuple(self._model.joint_angles(q).tolist())
-                best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
+        X_WP = Pose(xyz=(0.0, 0.0, height)).matrix
+        for distance, hold in itertools.product(distances, self.holds):
+            base = self.base(distance, height, origin)
+            X_BP = inverse_pose(base.matrix) @ X_WP
+            for margin, q in self._solutions(X_BP, hold, stroke, -np.inf if best is None else best.margin):
+                best = Place(margin, base, hold.grasp, tuple(self._model.joint_angles(q).tolist()))
         return best
 
     def base(self, distance: float, height: float, origin: Shoulders | None) -> Pose:
@@ -170,151 +173,59 @@ class ArmPlacement:
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
         z = height - self.plane if self.is_planar else 0.0
         aim = self._contact.point
-        yaw = np.arctan2(aim[1] - y, aim[0] - x)
-        return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
+        yaw = float(np.arctan2(aim[1] - y, aim[0] - x)) - self._facing
+        turn = round(float(np.pi - np.remainder(np.pi - yaw, 2 * np.pi)), 6)
+        return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, turn))
 
     def _solutions(
-        self, X_BP: Array, X_PE: Array, stroke: float, least: float
+        self, X_BP: Array, hold: Hold, stroke: float, least: float
     ) -> Iterator[tuple[float, Array]]:
         """Yield configurations that hold the payload and can move it by the stroke, each with more margin."""
         rows = [row for row in self._rows.indices if row < 3]
         for seed in self._seeds:
-            q, margin = self._solved(X_BP, X_PE, seed)
+            q, margin = self._solved(X_BP, hold, seed)
             for row, step in itertools.product(rows, (-stroke, stroke)):
                 if margin <= least:
                     break
                 moved = X_BP.copy()
                 moved[row, 3] += step
-                margin = min(margin, self._solved(moved, X_PE, q)[1])
+                margin = min(margin, self._solved(moved, hold, q)[1])
             if margin > least:
                 least = margin
                 yield margin, q
 
-    def _solved(self, X_BP: Array, X_PE: Array, seed: Array) -> tuple[Array, float]:
+    def _solved(self, X_BP: Array, hold: Hold, seed: Array) -> tuple[Array, float]:
         """Return the configuration that holds the payload, and its margin; -inf if there is none."""
-        solution = self._solver.solve(pin.SE3(X_BP @ X_PE), seed, steps=_STEPS)
+        solution = hold.solver.solve(pin.SE3(X_BP @ hold.grasp.matrix), seed, steps=_STEPS)
         q = self._model.limits.wrap_near(solution.q, seed)
         holds = solution.is_closed and self._model.limits.margin(q) > _IN_RANGE
         if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
             holds = min(joint_heights(self._model, q).values()) >= 0.0
-        return q, self._margin(q, X_BP) if holds else -np.inf
+        return q, self.margin(q, X_BP, hold) if holds else -np.inf
 
-    def _margin(self, q: Array, X_BP: Array) -> float:
-        """Return the least part left of torque, joint range and condition number, as ``posture_margins``."""
+    def margin(self, q: Array, X_BP: Array, hold: Hold) -> float:
+        """Return the least part left of torque, joint range and condition number, as ``posture_margins``.
+
+        Args:
+            q: configuration, shape (nq,).
+            X_BP: pose of the payload in the base.
+            hold: grasp.
+        """
         model, J = self._model, self._model.payload_jacobian(q)  # of the tip: the model has no grasp
-        lever = X_BP[:3, 3] - model.tip_pose(q)[:3, 3]
-        F = np.concatenate((self._load, np.cross(lever, self._load)))
-        tau = (model.nonlinear_effects(q, np.zeros(model.nv)) - J.T @ F) @ model.from_drive
-        condition = float(np.linalg.cond(self._rows.select(J) @ model.from_drive))
+        X_BE, grasp = model.tip_pose(q), hold.grasp
+        at_tip = np.kron(np.eye(2), X_BE[:3, :3].T) @ J
+        J[:3] += np.cross(J[3:], X_BP[:3, 3] - X_BE[:3, 3], axis=0)
+        held = grasp.to_held_rows @ at_tip if isinstance(grasp, JointGrasp) else self._rows.select(J)
+        condition = float(np.linalg.cond(held[held.any(axis=1)] @ model.from_drive))
+        tau = (model.nonlinear_effects(q, np.zeros(model.nv)) - J[:3].T @ self._load) @ model.from_drive
         used = float((np.abs(tau) / model.limits.torque).max())
-        return min(1.0 - used, model.limits.margin(q), 1.0 - condition / CONDITION_LIMIT)
+        return min(1.0 - used, model.limits.margin(q), 1.0 - condition / _CONDITION)
 
 
-def _tool_axis(model: ArmModel, q: Array) -> Array:
-    """Return the direction of the tool in tip axes: the last joint's axis, away from the wrist.
-
-    Where this axis is across the way from the nearest joint to the tip, as in a wrist that bends last, it is
-    that way.
-    """
-    data = model.model.createData()
-    pin.forwardKinematics(model.model, data, q)
-    X_BE, last = model.tip_pose(q), model.model.frames[frame_id(model.model, "tip")].parentJoint
-    column = model.payload_jacobian(q)[:, model.model.joints[last].idx_v]
-    axis = column[3:] if column[3:].any() else column[:3]
-    axis /= np.linalg.norm(axis)
-    joint = last
-    while joint and np.linalg.norm(X_BE[:3, 3] - data.oMi[joint].translation) < _FLUSH:
-        joint = model.model.parents[joint]
-    way = X_BE[:3, 3] - data.oMi[joint].translation if joint else axis
-    along = float(axis @ way) / float(np.linalg.norm(way))
-    bends = abs(along) < _ACROSS and bool(column[3:].any())
-    return X_BE[:3, :3].T @ (way / np.linalg.norm(way) if bends else np.copysign(axis, axis * along))
-
-
-def _triad(first: Array, second: Array) -> Array:
-    """Return the rotation whose columns are a unit vector, another one's part across it, their product."""
-    across = second - first * (first @ second)
-    across /= np.linalg.norm(across)
-    return np.column_stack((first, across, np.cross(first, across)))
-
-
-_Tried: TypeAlias = tuple[float, list[Place | None]]
-"""Height of the payload, and the place of each arm up to the first that has none."""
-
-
-def common_places(
-    arms: Sequence[ArmPlacement], payload: Payload, distance: float | None
-) -> Iterator[Workspace]:
-    """Yield common workspaces, one for each height and each distance of a robot, the largest margins first.
-
-    The payload of one robot is looked for straight before its root, and then before the middle of its
-    shoulders, at heights about theirs.
-
-    Args:
-        arms: the searches.
-        payload: the payload.
-        distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
-
-    Raises:
-        InfeasibleMotionError: cause "reach": the bases are too far away, or there is no common workspace.
-    """
-    shortest = min(arms, key=lambda arm: arm.farthest)
-    if distance and distance > shortest.farthest:
-        raise InfeasibleMotionError(
-            "reach",
-            f"the bases are {distance:g} m from the payload's centre; {shortest.name} reaches"
-            f" {shortest.reach:.2f} m, to a contact {shortest.farthest - shortest.reach:.2f} m from it: state"
-            f" less than {shortest.farthest:.2f} m, or leave the distance out",
-        )
-    least = min(arm.reach for arm in arms)
-    ground = payload.size[2] / 2.0 + _OFF_GROUND
-    stroke, shoulders = round(_STROKE * least, 2), arms[0].shoulders
-    origins = [None] if shoulders is None else [shoulders.root, shoulders]
-    tried, has_one = list[_Tried](), False
-    for origin in origins:
-        above = 0.0 if origin is None else origin.middle[2] - origin.floor
-        parts = _SHOULDER_HEIGHTS if origin is shoulders and above else _HEIGHTS
-        heights = sorted({round(max(ground, above + part * least), 2) for part in parts})
-        if all(arm.is_planar for arm in arms):
-            heights = [arms[0].plane]
-        sets = [[distance]] if distance else [[]] if origin is None else [[one] for one in shortest.distances]
-        common = list[Workspace]()
-        for height, some in itertools.product(heights, sets):
-            tried.append((height, places := _places(arms, height, stroke, some, origin)))
-            if None not in places:
-                common.append(Workspace(height, stroke, [arm for arm in places if arm is not None]))
-        has_one = has_one or bool(common)
-        yield from sorted(common, key=lambda workspace: -workspace.margin)
-    if not has_one:
-        raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
-
-
-def _places(
-    arms: Sequence[ArmPlacement],
-    height: float,
-    stroke: float,
-    distances: list[float],
-    origin: Shoulders | None,
-) -> list[Place | None]:
-    """Return the place of each arm up to the first that has none; raises nothing."""
-    places = list[Place | None]()
-    for arm in arms:
-        places.append(arm.best(height, stroke, distances or arm.distances, origin))
-        if places[-1] is None:
-            break
-    return places
-
-
-def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[_Tried]) -> str:
-    """Return the heights at which each arm can hold the payload, and what to change."""
-    held = []
-    for k, arm in enumerate(arms):
-        looked = [(height, places[k]) for height, places in tried if len(places) > k]
-        heights = dict.fromkeys(f"{height:g}" for height, there in looked if there is not None)
-        if looked:
-            held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
-    every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
-    return (
-        f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Take a"
-        " smaller payload, another distance of the bases, arms of like reach, or leave out the grasp's side"
-    )
+def _facing(model: ArmModel) -> float:
+    """Return the direction in base axes, to a quarter turn, to which an arm that does not turn reaches."""
+    tips = np.array([model.tip_pose(q)[:2, 3] for q in model.limits.random_configurations(_SAMPLES)])
+    x, y = tips.mean(axis=0)
+    if np.hypot(x, y) < _ONE_WAY * np.linalg.norm(tips, axis=1).mean():
+        return 0.0
+    return float(np.round(np.arctan2(y, x) / (np.pi / 2.0)) * np.pi / 2.0)

@@ -1,0 +1,115 @@
+"""Places of the arms of new cells: margins as a run counts them, five joints, options of robots."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.base.errors import FieldError, InfeasibleMotionError
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial import inverse_pose
+from coop_pin.cli import main
+from coop_pin.description.cell.grasp import JointGrasp
+from coop_pin.description.thresholds import TrustThresholds
+from coop_pin.description.urdf import find_urdf, load_checked
+from coop_pin.design.named_arms import RobotFiles, named_arms
+from coop_pin.design.new_cell import new_cell
+from coop_pin.design.placing.drafts import searches
+from coop_pin.feasibility import reachability
+from coop_pin.feasibility.task_inertia import HeldArm
+from coop_pin.model.cell_arm import CellArm
+
+ROBOTS = {"planar": "adept_3dof", "spatial": "ur5", "five joints": "so100"}
+
+
+@pytest.mark.parametrize("kind", ROBOTS)
+def test_a_margin_is_the_least_of_torque_range_and_condition_as_a_run_counts_them(kind):
+    """Near singular postures, too: the condition of the payload Jacobian, on a hinge in its rows."""
+    payload = cp.Payload.box(2.0, (0.2, 0.2, 0.1))
+    named = named_arms([ROBOTS[kind]] * 2, (), RobotFiles())
+    placement, _ = searches(named, payload, "sides", "facing")
+    hold = placement.holds[1]
+    grasps = {"left": hold.grasp, "right": Pose(xyz=(0.1, 0.0, 0.0))}
+    cell = cp.Cell(
+        arms=named, payload=payload, grasps=grasps, rows="planar" if placement.is_planar else "full"
+    )
+    arm, load = CellArm(cell, "left"), payload.mass / 2.0 * np.array(cell.gravity)
+    conditions = []
+    for q in arm.limits.random_configurations(40):
+        torque = arm.nonlinear_effects(q, np.zeros(arm.nv)) - arm.payload_jacobian(q)[:3].T @ load
+        used = np.abs(torque @ arm.from_drive / arm.limits.torque).max()
+        conditions.append(np.linalg.cond(arm.task_jacobian(q)))
+        least = min(1.0 - used, arm.limits.margin(q), 1.0 - conditions[-1] / cell_limit())
+        X_BP = arm.tip_pose(q) @ inverse_pose(hold.grasp.matrix)
+        assert_allclose(placement.margin(q, X_BP, hold), least, rtol=1e-6, atol=1e-6)
+    assert max(conditions) > cell_limit() > min(conditions)
+
+
+def cell_limit() -> float:
+    """Condition number from which on a run is not trustworthy."""
+    return TrustThresholds().jacobian_condition
+
+
+@pytest.mark.gate
+def test_two_arms_of_five_joints_hold_by_upright_hinges_and_keep_their_task():
+    suggestion = new_cell(["so100"] * 2)
+    assert any("hinges of left, right" in change for change in suggestion.changes)
+    scenario = suggestion.scenario.override({"duration": 4.5})
+    for grasp in scenario.cell.grasps.values():
+        assert isinstance(grasp, JointGrasp)
+        assert_allclose(np.abs(grasp.matrix[:3, :3] @ grasp.axis), (0.0, 0.0, 1.0), atol=1e-5)
+    metrics = cp.run(scenario).metrics()
+    assert metrics["task_kept"] == metrics["simulation_sound"] == 1.0
+    assert metrics["position_error_max_m"] < 1e-4
+
+
+def test_locked_joints_and_repairs_are_those_of_every_arm_that_has_them():
+    files = RobotFiles(locked={"wrist_roll": 0.3}, impossible_inertia="repair")
+    arms = named_arms(["so100", "ur5"], (), files)
+    assert [len(arm.moving_joints()) for arm in arms.values()] == [4, 6]
+    assert arms["left"].locked["wrist_roll"] == 0.3
+    assert {arm.impossible_inertia for arm in arms.values()} == {"repair"}
+
+
+@pytest.mark.parametrize("words", [("wrist_roll",), ("=0.1",), ("wrist_roll=much",)])
+def test_locked_joints_are_named_with_their_angles(words, tmp_path, capsys):
+    path = str(tmp_path / "cell.toml")
+    assert main(["new", path, "--arms", "so100", "so100", "--locked", *words])
+    assert FieldError.__name__ not in (said := capsys.readouterr().err)
+    assert "--locked" in said
+
+
+@pytest.mark.parametrize("stiffness", [40.0, 4e4])
+def test_spare_joints_follow_springs_that_are_stiff_for_the_steps(stiffness):
+    """Proposals try springs by doubling: the path stays at the posture, and does not run away."""
+    scenario = cp.Scenario.load("two-pandas-box")
+    reach = reachability(scenario, poses=5).arms[0]
+    held = HeldArm(scenario, reach, cp.laws.PostureGains(stiffness=stiffness, damping=0.4))
+    times = np.linspace(0.0, 8.0, 101)
+    path = held.path(times, reach.times[reach.first :], reach.q[reach.first :])
+    assert np.abs(path - path[0]).max() < 1.0
+
+
+def test_arms_on_platforms_are_told_which_joints_to_lock(tmp_path):
+    """A platform of two slides of 5 m under a UR5: at the places that are tried it stands far away."""
+    text = load_checked(find_urdf("ur5"))
+    heavy = '<inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    slides = "".join(
+        f'<link name="{name}">{heavy}</link>'
+        f'<joint name="{name}_slide" type="prismatic"><parent link="{name}"/>'
+        f'<child link="{child}"/><axis xyz="{axis}"/>'
+        '<limit lower="-5" upper="5" effort="100" velocity="1"/></joint>'
+        for name, child, axis in (("far", "near", "1 0 0"), ("near", "world", "0 1 0"))
+    )
+    (tmp_path / "driven.urdf").write_text(text.replace("</robot>", f"{slides}</robot>"))
+    with pytest.raises(InfeasibleMotionError, match="far_slide, near_slide"):
+        new_cell([tmp_path / "driven.urdf"] * 2)
+
+
+@pytest.mark.parametrize(("robot", "turn"), [("so100", np.pi / 2.0), ("ur5", 0.0), ("adept_3dof", 0.0)])
+def test_a_base_turns_the_way_that_its_arm_reaches_to_the_payload(robot, turn):
+    """The SO-100 reaches along -y of its base; arms that turn around stand with x ahead."""
+    named = named_arms([robot] * 2, (), RobotFiles())
+    left, right = searches(named, cp.Payload.box(1.0, (0.2, 0.2, 0.1)), "sides", "facing")
+    assert_allclose(left.base(0.5, 0.2, None).rpy[2], turn, atol=1e-6)
+    assert_allclose(np.cos(right.base(0.5, 0.2, None).rpy[2] - turn), -1.0, atol=1e-9)
