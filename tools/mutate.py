@@ -7,9 +7,10 @@
 
 Comparisons and arithmetic are swapped, numbers and booleans changed, conditions negated and terms dropped.
 The tests are loaded once. One run of each tells which lines it executes; then every mutant gets a process in
-which tests that execute its line run, the most promising first, until one fails or exceeds its time limit. A
-line that no test executes is not noticed. Mutants that change nothing are listed with the reason in
-mutate_equivalent.toml and are not run. Exit code 1 if less than 95 % of the others of a package are noticed.
+which tests that execute its line run, the most promising first, until one fails or exceeds its time limit,
+which is noticed too, and printed. A line that no test executes is not noticed. Mutants that change nothing
+are listed with the reason in mutate_equivalent.toml and are not run. Exit code 1 if less than 95 % of the
+others of a package are noticed.
 """
 
 from __future__ import annotations
@@ -56,8 +57,8 @@ TESTS = {
     "cli": "",
     "comparison": "benchmarks",
     "control": "interface sensing",
-    "description": "armature contact_patches errors friction_grasps gravity_turn known_before linked_payloads"
-    " network new_cell pick_and_place rolling_bases servo shared_joints",
+    "description": "armature contact_patches errors friction_grasps grasp_events gravity_turn known_before"
+    " linked_payloads network new_cell pick_and_place rolling_bases servo shared_joints",
     "design": "joint_grasps linked_payloads tool_tips symmetric laws_on_linked_payloads",
     "environment": "stepping",
     "feasibility": "friction_margins suggestion",
@@ -382,9 +383,10 @@ def _outermost(name: str) -> str:
 
 def load_changed(mutant: Mutant) -> None:
     """Forget the loaded package and its tests; load them with a mutant from now on."""
-    ours = tuple(str(REPOSITORY / name) + os.sep for name in ("coop_pin", "tests"))
+    tests = str(REPOSITORY / "tests") + os.sep
     for name, module in list(sys.modules.items()):
-        if (getattr(module, "__file__", None) or "").startswith(ours):
+        is_test = (getattr(module, "__file__", None) or "").startswith(tests)
+        if is_test or name.partition(".")[0] == "coop_pin":  # namespaces too, which have no file
             del sys.modules[name]
     unchanged = SourceFileLoader.get_code
 
@@ -469,9 +471,11 @@ class MutationRun:
                 if self.verbose:
                     key = json.dumps(mutant.key, ensure_ascii=False)
                     print("noticed, line", mutant.lines[0], key, "by", failure, flush=True)
-            elif failure == "" or not names:
-                self.alive.append(mutant)
-                print("alive, line", mutant.lines[0], json.dumps(mutant.key, ensure_ascii=False), flush=True)
+            else:
+                unfinished = failure is None and names
+                how = "not ended" if unfinished else "alive"
+                self.alive += [] if unfinished else [mutant]
+                print(f"{how}, line", mutant.lines[0], json.dumps(mutant.key, ensure_ascii=False), flush=True)
         return True
 
     def _measured(self, file: str) -> dict[str, tuple[bool, float, set[tuple[str, Any]]]]:

@@ -13,6 +13,7 @@ from coop_pin.base.errors import InfeasibleMotionError, UrdfError, UrdfWarning
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.urdf import check_file, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
+from coop_pin.description.urdf.srdf import Srdf
 from coop_pin.model.joint_limits import PASSIVE, JointLimits
 from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.model.visuals import CellVisuals
@@ -292,6 +293,24 @@ def test_the_summary_of_a_robot_has_its_masses(name, tmp_path):
     count = len(AXES[name])
     assert f"{count + 3} links, {count + 2.25:g} kg" in text
     assert "finger (0.25 kg)" in text
+    assert f"finger: {count + 1} joints from the root" in text
+
+
+def test_an_srdf_names_two_arms_and_the_first_posture_that_is_none_of_zeros(tmp_path):
+    """Of three chains of the same length, none is one of two; a state of other joints is no posture."""
+    sides = ("left", "right", "third")
+    parts = [link("base"), *(link(f"{side}{k}") for side in sides for k in range(2))]
+    for side in sides:
+        parts += [joint(f"{side}_a", "base", f"{side}0"), joint(f"{side}_b", f"{side}0", f"{side}1")]
+    robot = Robot(load_checked(find_urdf(written(tmp_path, *parts))))
+    tips, joints = {side: f"{side}1" for side in sides}, ("left_a", "left_b")
+    two = {side: tips[side] for side in sides[:2]}
+    states = ({"left_a": 1.0}, {"left_a": 0.0, "left_b": 0.0}, {"left_a": 0.0, "left_b": 0.5})
+    assert Srdf(two, states).arms(robot) == sides[:2]
+    assert Srdf({**two, "short": "third0"}, states).arms(robot) == sides[:2]
+    assert Srdf(tips, states).arms(robot) == Srdf({"left": "left1"}, states).arms(robot) == ()
+    assert Srdf(two, states).posture(joints) == (0.0, 0.5)
+    assert Srdf(two, states[:2]).posture(joints) is None
 
 
 @pytest.mark.parametrize("name", AXES)

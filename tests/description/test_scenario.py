@@ -496,6 +496,15 @@ def test_a_wrong_path_is_unknown_with_a_suggestion(path, said):
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
+def test_a_file_has_comments_if_it_shall_and_each_once(name):
+    scenario = SCENARIOS[name]()
+    plain, commented = scenario.to_toml(), scenario.to_toml(commented=True)
+    assert "  # " not in plain
+    comments = [comment for line in commented.splitlines() if (comment := line.partition("  # ")[2])]
+    assert len(set(comments)) == len(comments) > 10
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_a_scenario_survives_its_file(name, tmp_path):
     scenario = SCENARIOS[name]()
     assert cp.Scenario.from_toml(scenario.to_toml()) == scenario
@@ -566,6 +575,14 @@ def test_a_wrong_mass_or_size_of_a_box_is_one_mistake():
     assert len(caught.value.problems) == 1
     with pytest.raises(errors.FieldError, match="size: has 2 entries"):
         cp.Payload.box(mass=2.0, size=(0.3, 0.2))
+
+
+def test_a_bar_has_the_moments_of_a_thin_rod_and_of_its_section():
+    """m times the mean square of x; about x the squares of both edges of its section."""
+    square = np.mean(((np.arange(1000) + 0.5) / 1000 - 0.5) ** 2)
+    inertia = cp.Payload.bar(3.0, 2.0, thickness=0.1).inertia
+    expected = 3.0 * square * np.array((0.1**2 + 0.1**2, 2.0**2, 2.0**2))
+    np.testing.assert_allclose(inertia, (*expected, 0.0, 0.0, 0.0), rtol=1e-5)
 
 
 def test_a_wrong_path_names_the_scenario_files_where_it_leads(tmp_path):

@@ -291,6 +291,13 @@ def test_rigid_grasps_are_written_as_before_and_compliant_ones_come_back():
     assert not rigid.cell.compliant
 
 
+@pytest.mark.parametrize(("name", "k"), [("paper", 300e3), ("firm", 30e3), ("soft", 5e3)])
+def test_a_named_stiffness_is_that_of_its_description(name, k):
+    """In rotation it is k times 1/100 m^2."""
+    stiffness = cp.CompliantGrasp(stiffness=name).stiffness
+    assert_allclose(stiffness, k * np.repeat((1.0, 0.01), 3), rtol=1e-12)
+
+
 def test_measured_stiffness_is_load_over_deflection():
     grasp = cp.CompliantGrasp.measured((20, 20, 20, 1, 1, 1), (4e-3, -4e-3, 2e-3, 0.02, 0.02, 0.01))
     assert_allclose(grasp.stiffness, (5e3, 5e3, 1e4, 50.0, 50.0, 100.0))

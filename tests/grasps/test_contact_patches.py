@@ -131,6 +131,15 @@ def test_stuck_points_are_the_gradient_of_their_energy_and_only_dampers_take_pow
     assert_allclose((damped * v).sum() + stored, -dissipated, rtol=1e-9)
 
 
+@pytest.mark.parametrize("size", [(0.04, 0.04), (0.1, 0.02), (0.03, 0.12)])
+def test_points_of_a_rectangle_have_the_torsion_of_an_even_pressure(size):
+    """The mean distance from the middle, against a sum over small parts."""
+    patch = cp.PatchGrasp(xyz=(-0.1, 0.0, 0.0), press="x", mu=0.5, size=size, face=(0.2, 0.2))
+    x, y = (edge * ((np.arange(500) + 0.5) / 500 - 0.5) for edge in size)
+    even = np.hypot(*np.meshgrid(x, y)).mean()
+    assert_allclose(np.linalg.norm(patch.points, axis=1).mean(), even, rtol=1e-5)
+
+
 def test_bristles_return_to_the_cone_once():
     points, rng = some_points(), np.random.default_rng(6)
     x, roots, within = rng.normal(size=(6, 3)), rng.normal(size=(6, 2)), np.ones(6, dtype=bool)

@@ -90,6 +90,22 @@ def test_plan_moves_shares_and_retreats_smoothly(time):
         assert not plan.retreats.any()
 
 
+def test_an_arm_is_back_at_its_grasp_for_the_time_that_it_waits():
+    """The way back begins wait and approach before the grasp; its quintic is half done in the middle."""
+    cell = cp.Scenario.load("three-ur5-plate").cell
+    away = cp.events.HandOver(time=0.5, arm="third", duration=0.5, retreat=0.05, retreat_time=1.0)
+    back = cp.events.Regrasp(time=5.0, arm="third", approach_time=1.2, wait=0.7)
+    for time, retreat in ((2.0, 0.05), (3.1, 0.05), (3.7, 0.025), (4.3, 0.0), (4.6, 0.0), (5.0, 0.0)):
+        plan = grasp_plan(cell, (away, back), time)
+        assert_allclose(plan.retreats[2, 0], retreat, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_run_has_a_plan_of_its_grasps_where_one_of_them_opens(name):
+    assert not scenario_with(name).has_grasp_plan
+    assert scenario_with(name, *CYCLE).has_grasp_plan
+
+
 def test_retreated_target_has_the_derivatives_of_its_pose():
     rng, h, axis = np.random.default_rng(2), 1e-4, np.array((0.6, 0.0, 0.8))
     p, w, s = rng.normal(size=(3, 3)), 0.3 * rng.normal(size=(2, 3)), rng.normal(size=3)

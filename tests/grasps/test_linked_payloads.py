@@ -274,6 +274,22 @@ def test_arms_carry_the_weight_of_all_links_with_its_moment(name):
     assert_allclose(chain.loads(q), 0.0, atol=1e-12)
 
 
+def test_bodies_of_a_beam_are_its_rods_and_a_link_without_mass_has_none(tmp_path):
+    """The end rods have half the length; each is a homogeneous box."""
+    bodies = cp.Payload.beam(mass=3.0, length=2.0, bending_stiffness=100.0, links=5).links.bodies
+    assert_allclose([body.mass for body in bodies.values()], (0.375, 0.75, 0.75, 0.75, 0.375))
+    for body, length in zip(bodies.values(), (0.25, 0.5, 0.5, 0.5, 0.25), strict=True):
+        box = pin.Inertia.FromBox(body.mass, length, 0.1, 0.02)
+        assert_allclose(body.inertia, box.inertia, rtol=1e-12)
+        assert_allclose(body.centre, (length / 2.0, 0.0, 0.0), rtol=1e-12)
+    (tmp_path / "door.urdf").write_text(door())
+    frame = cp.Payload.of_links(tmp_path / "door.urdf", "leaf", base=cp.Pose()).links.bodies["frame"]
+    assert frame.mass == 0.0
+    assert (frame.inertia.shape, frame.centre.shape) == ((3, 3), (3,))
+    assert not frame.inertia.any()
+    assert not frame.centre.any()
+
+
 def test_a_load_beside_a_base_does_the_work_of_the_whole_one():
     scenario = linked("two-pandas-box", "door")
     s, L = scenario.cell.payload.links.freedom, scenario.cell.loads_within([True, True])

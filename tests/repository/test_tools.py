@@ -373,6 +373,19 @@ def test_a_mutant_acts_in_its_child_whether_a_function_is_changed_or_its_file_lo
     assert internal_sum(None) == 0.0
 
 
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_nothing_of_the_package_stays_loaded_beside_a_file_loaded_anew(mutate):
+    """A namespace has no file; one that stays has classes of before, and tests fail whatever is changed."""
+    importlib.import_module("coop_pin.events")
+
+    def left(mutant):
+        mutate.load_changed(mutant)
+        return [name for name in sys.modules if name.partition(".")[0] == "coop_pin"]
+
+    ((_, names),) = mutate.in_children([other_sign(mutate)], left, lambda _: 60.0, 1)
+    assert names == []
+
+
 def test_the_lines_that_are_executed(mutate):
     with mutate.executed_lines() as lines:
         internal_sum(None)
