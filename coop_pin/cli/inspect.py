@@ -155,7 +155,8 @@ def suggest(
     """Propose control rate, gains of the payload-space law, postures and squeeze, and say what limits each.
 
     Nothing is simulated. Where the cell cannot do the motion, the cause is named: rank, reach, singularity,
-    limits or torque. Every field of the scenario can be changed as in 'coop-pin run'.
+    limits or torque. A motion that asks for more than the task allows is slowed. Every field of the scenario
+    can be changed as in 'coop-pin run'.
 
     Args:
         scenario: a name listed by 'coop-pin list', or a TOML file; the gains of its controller are not used,

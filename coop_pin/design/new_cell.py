@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -31,13 +32,11 @@ from coop_pin.design.suggestion import Suggestion, suggest
 from coop_pin.feasibility.motion_feasibility import joint_heights, require_rank
 from coop_pin.feasibility.reachability import reachability
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.stability.forecast import allowed_errors
 
 _EDGES = {"box": (0.4, 0.3, 0.2), "bar": (0.8, 0.05, 0.05), "plate": (0.6, 0.4, 0.02)}
 """Edges of a new payload along x, y and z, m."""
-_POSES = 41
-_PART, _UNITS = 0.5, ("m", "rad", "N", "N m")
-"""Part of what the task allows from which on a motion is slowed, and units of errors."""
+_PROPOSE = functools.partial(suggest, poses=41, task_part=0.5)
+"""Proposal for a motion that is ours: a forecast is within a factor of two of the run."""
 _SIDES: tuple[Side, ...] = ("sides", "ahead", "above")
 """Sides of a payload from which one robot takes it, the first with a common workspace."""
 _RATES = (1.0, 2.0, 4.0)
@@ -178,30 +177,12 @@ def _proposed(drafts: Iterable[Draft]) -> tuple[Suggestion, tuple[str, ...]]:
     errors = list[InfeasibleMotionError]()
     for draft in drafts:
         try:
-            suggested, calmed = feasible(draft.scenario, draft.motions, _within_limits)
+            suggested, calmed = feasible(draft.scenario, draft.motions, _PROPOSE)
         except InfeasibleMotionError as error:
             errors.append(error)
         else:
             return suggested, (draft.remark, calmed)
     raise errors[-1]
-
-
-def _within_limits(draft: Scenario) -> Suggestion:
-    """Return the proposal; at half the speed where it expects more than half of what the task allows.
-
-    A forecast is within a factor of two of the run.
-    """
-    suggested, motion = suggest(draft, poses=_POSES), draft.motion
-    moving, allowed = np.array(suggested.forecast.moving), np.array(allowed_errors(suggested.scenario))
-    if motion.kind == "hold" or not (moving > _PART * allowed).any():
-        return suggested
-    field, factor = ("duration", 2.0) if motion.kind == "line" else ("angular_rate", 0.5)
-    slower = draft.override({f"motion.{field}": factor * getattr(motion, field)})
-    worst = int(np.argmax(moving / allowed))
-    error = f"{moving[worst]:.2g} of {allowed[worst]:.2g} {_UNITS[worst]} that the task allows"
-    remark = f"motion: at half the speed, because at the whole one {error} are to be expected"
-    suggested = suggest(slower, poses=_POSES)
-    return dataclasses.replace(suggested, changes=(*suggested.changes, remark))
 
 
 def feasible(

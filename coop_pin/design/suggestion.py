@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.arrays import as_fitting_count, require_type
+from coop_pin.base.arrays import as_fitting_count, as_positive, require_type
 from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
 from coop_pin.base.schema.parts import fields_of
 from coop_pin.control.gains import Gains
@@ -43,7 +43,7 @@ from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.results.finding import Findings
 from coop_pin.running.check import check
 from coop_pin.running.plausibility import implausible_numbers
-from coop_pin.stability.forecast import Forecast, forecast
+from coop_pin.stability.forecast import Forecast, forecast, slower_motion, worst_error
 from coop_pin.stability.sampled_stability import sampled_stability
 
 _NO_FORECAST = Forecast()
@@ -96,7 +96,11 @@ def _gain_text(gains: Gains) -> str:
 
 
 def suggest(
-    scenario: Scenario | str | Path, *, poses: int = 101, table_error: float = TABLE_ERROR
+    scenario: Scenario | str | Path,
+    *,
+    poses: int = 101,
+    table_error: float = TABLE_ERROR,
+    task_part: float = 0.9,
 ) -> Suggestion:
     """Return a proposal for the payload-space law: what limits each value, and a scenario that runs with it.
 
@@ -129,11 +133,16 @@ def suggest(
     them. A put-down leaves the anchor without a bound, and lowers the gains until a table that is
     ``table_error`` higher than planned is pressed with at most 4/3 of the payload's weight.
 
+    A motion is slowed, to a half, a quarter or an eighth, where no less has its errors to expect within
+    ``task_part`` of what the task allows, which the first of the ``changes`` says.
+
     Args:
         scenario: cell, motion and squeeze, or a name or file of them, in which gains may be missing; its
             controller gives force_path and zero_at_grasp only, and a dead zone is dropped, with a sentence.
         poses: number of poses looked at along the motion.
         table_error: height by which a table on which the payload is put down may be higher than planned, m.
+        task_part: part of what the task allows up to which errors are expected, above 0; a forecast is within
+            a factor of two of the run, and changes a little with the poses.
 
     Raises:
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
@@ -145,8 +154,9 @@ def suggest(
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
     poses = as_fitting_count("poses", poses, 5, POSE_SIZE)
+    task_part = as_positive("task_part", task_part)
     if scenario.cell.driven:
-        return _for_driven(scenario, poses, table_error)
+        return _for_driven(scenario, poses, table_error, task_part)
     cell, pressed = scenario.cell, tuple[str, ...]()
     if cell.jointed or cell.payload.links is not None:
         return _for_joints(scenario, poses)
@@ -185,7 +195,7 @@ def suggest(
         suggested, too_large = held_by_squeeze(suggested, cell_reach)
         pressed = (*pressed, *too_large)
     suggested, errors = anchored_enough(suggested, cell_reach)
-    suggested = with_steps(suggested, cell_reach)
+    suggested, errors, slowed = _slowed(with_steps(suggested, cell_reach), errors, poses, task_part)
     pressed_table = table_force(suggested, table_error=table_error, lag=proposal.tracking)
     lines = (
         *gain_limits(scenario, proposal, suggested),
@@ -197,18 +207,32 @@ def suggest(
         "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {sampled_stability(suggested).summary()}",
     )
-    return Suggestion(suggested, proposal, lines, (*changes, *pressed), errors)
+    return Suggestion(suggested, proposal, lines, (*slowed, *changes, *pressed), errors)
 
 
-def _for_driven(scenario: Scenario, poses: int, table_error: float) -> Suggestion:
+def _slowed(
+    scenario: Scenario, expected: Forecast, poses: int, part: float
+) -> tuple[Scenario, Forecast, tuple[str, ...]]:
+    """Return a proposal at the speed at which it has its part of the task, the forecast, and what changes."""
+    fields, slower = slower_motion(scenario, expected, poses, part)
+    if not fields:
+        return scenario, expected, ()
+    shown = ", ".join(f"{field} {value:.4g}" for field, value in fields.items())
+    why = f"at the stated speed {worst_error(scenario, expected)[2]}"
+    return scenario.override(fields), slower, (f"motion SLOWED ({shown}): {why}",)
+
+
+def _for_driven(scenario: Scenario, poses: int, table_error: float, task_part: float) -> Suggestion:
     """Return a proposal for arms on shared joints or rolling bases; arguments as of ``suggest``."""
-    proposal = suggest(seen_by_arms(scenario), poses=poses, table_error=table_error)
+    relative = seen_by_arms(scenario)
+    proposal = suggest(relative, poses=poses, table_error=table_error, task_part=task_part)
     arms = {
         name: arm.replace(mobile_base=scenario.cell.arms[name].mobile_base)
         for name, arm in proposal.scenario.cell.arms.items()
     }
     cell = proposal.scenario.cell.replace(shared_joints=scenario.cell.shared_joints, arms=arms)
-    return replace(proposal, scenario=proposal.scenario.replace(cell=cell, motion=scenario.motion))
+    motion = proposal.scenario.motion if relative.motion == scenario.motion else scenario.motion
+    return replace(proposal, scenario=proposal.scenario.replace(cell=cell, motion=motion))
 
 
 def _for_tools(scenario: Scenario, poses: int) -> Suggestion:

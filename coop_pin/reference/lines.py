@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from bisect import bisect_right
 from functools import cached_property
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -95,6 +95,10 @@ class LineMotion(_Line):
     def span(self) -> tuple[float, float]:
         """Times of start and goal, s."""
         return self.start_time, self.start_time + self.duration
+
+    def slowed(self, factor: float) -> dict[str, Any]:
+        """Return the duration of the same path in a multiple of the time."""
+        return {"duration": factor * self.duration}
 
     def scaling(self, time: float) -> TimeScaling:
         """Return s and its two derivatives at a time in s."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -147,6 +147,10 @@ class CircleMotion(PoseReference):
         """Time of the start, s, and inf."""
         return self.start_time, math.inf
 
+    def slowed(self, factor: float) -> dict[str, Any]:
+        """Return rate and ramp of the same path in a multiple of the time."""
+        return {"angular_rate": self.angular_rate / factor, "ramp": factor * self.ramp}
+
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
         R, centre, spokes = self._circle
@@ -195,6 +199,10 @@ class TurnMotion(PoseReference):
         """Times between which it turns, s."""
         return self.start_time, self.start_time + self.duration
 
+    def slowed(self, factor: float) -> dict[str, Any]:
+        """Return the duration of the same turn in a multiple of the time."""
+        return {"duration": factor * self.duration}
+
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
         e, terms, c, offset = self._start
@@ -236,6 +244,10 @@ class SwingMotion(PoseReference):
     def span(self) -> tuple[float, float]:
         """Time of the start, s, and inf."""
         return self.start_time, math.inf
+
+    def slowed(self, factor: float) -> dict[str, Any]:
+        """Return period and ramp of the same swing in a multiple of the time."""
+        return {"period": factor * self.period, "ramp": factor * self.ramp}
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""

@@ -107,6 +107,14 @@ class PoseReference(Description):
         """Times between which it may move, s; a motion that never ends has inf."""
         return 0.0, math.inf
 
+    def slowed(self, factor: float) -> dict[str, Any]:
+        """Return the fields of the same path in a multiple of the time; none of a table or a function.
+
+        Args:
+            factor: time from its start, over that of the motion.
+        """
+        return {}
+
 
 _NO_VECTOR: Array = frozen(np.zeros(3))
 

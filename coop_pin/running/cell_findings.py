@@ -7,8 +7,6 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError, shown
 from coop_pin.base.loaded_code import edited_files
 from coop_pin.base.memory import free_memory
@@ -32,7 +30,7 @@ from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.admittance_stability import admittance_stability
 from coop_pin.stability.closed_loop import eigenvalues
-from coop_pin.stability.forecast import Errors, Forecast, allowed_errors, forecast
+from coop_pin.stability.forecast import forecast, slower_motion, worst_error
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
 from coop_pin.stability.regrasp import regrasp_gaps
@@ -44,16 +42,14 @@ _LARGE_RECORD = 1e9
 """Memory of a record from which on it is a finding, bytes."""
 
 
-def _expected(scenario: Scenario, expected: Forecast) -> Finding:
-    """Return the errors to expect: a warning where one of them is beyond the limits of the task."""
-    allowed, largest = allowed_errors(scenario), np.fmax(expected.moving, expected.at_rest)
-    worst = int(np.nanargmax([*(largest / allowed), 1.0]))
-    if worst == len(allowed):
-        return Finding("steady error", "controller", "note", expected.summary())
-    value, limit, unit = float(largest[worst]), allowed[worst], ("m", "rad", "N", "N m")[worst]
-    name = Errors._fields[worst]
-    sentence = f"{expected.summary()}; {name} {value:.2g} {unit}, and the task allows {limit:.2g} {unit}"
-    return Finding("steady error", "controller", "warning", sentence, value, limit)
+def _expected(scenario: Scenario, reach: Reachability) -> Finding:
+    """Return the errors to expect: a warning beyond what the task allows, whose remedy is a slower motion."""
+    expected = forecast(scenario, reach)
+    sentence, (value, limit, words) = expected.summary(), worst_error(scenario, expected)
+    if value <= limit:
+        return Finding("steady error", "controller", "note", sentence)
+    remedy, _ = slower_motion(scenario, expected, len(reach.arms[0].times))
+    return Finding("steady error", "controller", "warning", f"{sentence}; {words}", value, limit, remedy)
 
 
 def gains_are_known(scenario: Scenario) -> bool:
@@ -283,7 +279,7 @@ def steady_findings(
         yield Finding("internal moment", moment.arm, "note", moment.summary(), moment.moment)
     errors, slot = steady_errors(scenario, bias=bias, load=load), "controller"
     yield Finding("steady error", slot, "note", errors.summary())
-    yield _expected(scenario, forecast(scenario, reach))
+    yield _expected(scenario, reach)
     if scenario.network is not None:
         traffic = simulation.traffic().summary(scenario.clock.rate_hz)
         is_quiet = scenario.network.longest_silence_of(list(scenario.cell.arms), scenario.clock) > 0.0

@@ -1,4 +1,4 @@
-"""Findings of the arms that hold the payload alone once others let go: stability of what is left."""
+"""Findings of arms after others let go: stability of those that hold alone, and of those that hold nothing."""
 
 from __future__ import annotations
 
@@ -6,43 +6,57 @@ import contextlib
 from collections.abc import Iterator
 
 from coop_pin.base.errors import CoopPinError
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.finding import Finding
 from coop_pin.running.cell_findings import stability_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 
+_NOTHING = Payload(mass=1e-6, inertia=(1e-9, 1e-9, 1e-9, 0.0, 0.0, 0.0))
+"""Payload of an arm that holds nothing."""
+
 
 def release_findings(scenario: Scenario) -> Iterator[Finding]:
-    """Yield what makes the arms unstable that hold the payload alone after an event, at the start's postures.
+    """Yield what makes arms unstable after an event: those that hold alone, and each that holds nothing.
 
-    Nothing where a table bears the load, nor of laws and cells that cannot be built with these arms alone.
+    They are looked at in the postures of the start. Nothing where a table bears the load, nor of laws and
+    cells that cannot be built with these arms alone.
 
     Args:
         scenario: the scenario with its events.
     """
-    known = set[tuple[str, ...]]()
+    known, cell = set[str](), scenario.cell
     for index, event in enumerate(scenario.events):
         if event not in scenario.grasp_events:
             continue
         plan = scenario.grasp_plan_at(event.end)
-        arms = tuple(name for name, holds in zip(scenario.cell.arms, plan.holds, strict=True) if holds)
-        if not 0 < len(arms) < len(plan.holds) or arms in known or plan.borne < 1.0:
-            continue
-        known.add(arms)
-        with contextlib.suppress(CoopPinError):
-            rest = _held_by(scenario, arms)
-            for finding in stability_findings(Simulation(rest, build_controller(rest)), None):
-                if finding.severity == "error":
-                    sentence = f"once {', '.join(arms)} alone hold the payload: {finding.sentence}"
-                    yield finding._replace(place=f"events.{index}", sentence=sentence)
+        holds = dict(zip(cell.arms, plan.holds.tolist(), strict=True))
+        arms, free = ([name for name in holds if holds[name] == held] for held in (True, False))
+        left = {
+            f"once {name} holds nothing": _part(cell.rigid.replace(payload=_NOTHING), [name]) for name in free
+        }
+        if arms and free and plan.borne == 1.0:
+            left[f"once {', '.join(arms)} alone hold the payload"] = _part(cell, arms)
+        for when in left.keys() - known:
+            for finding in _instabilities(scenario, left[when]):
+                yield finding._replace(place=f"events.{index}", sentence=f"{when}: {finding.sentence}")
+        known |= left.keys()
 
 
-def _held_by(scenario: Scenario, arms: tuple[str, ...]) -> Scenario:
-    """Return the scenario with some of its arms, which share the load alike and press nothing."""
-    cell, law = scenario.cell, scenario.controller
+def _part(cell: Cell, arms: list[str]) -> Cell:
+    """Return the cell of some of the arms, which share the load alike."""
     kept = {name: {arm: getattr(cell, name)[arm] for arm in arms} for name in ("arms", "grasps")}
+    return cell.replace(**kept, load_shares=None)
+
+
+def _instabilities(scenario: Scenario, cell: Cell) -> Iterator[Finding]:
+    """Yield errors of stability of the law in another cell, whose arms press nothing."""
+    law = scenario.controller
     if stated := getattr(law, "arm_gains", None):
-        law = law.replace(arm_gains={arm: gains for arm, gains in stated.items() if arm in arms})
-    cell = cell.replace(**kept, load_shares=None)
-    return scenario.replace(cell=cell, controller=law, squeeze={}, events=())
+        law = law.replace(arm_gains={arm: gains for arm, gains in stated.items() if arm in cell.arms})
+    with contextlib.suppress(CoopPinError):
+        rest = scenario.replace(cell=cell, controller=law, squeeze={}, events=())
+        findings = stability_findings(Simulation(rest, build_controller(rest)), None)
+        yield from (finding for finding in findings if finding.severity == "error")

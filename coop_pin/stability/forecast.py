@@ -11,11 +11,13 @@ from coop_pin.base.arrays import typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.feasibility.least_squeeze import least_squeeze
-from coop_pin.feasibility.reachability import Reachability
+from coop_pin.feasibility.reachability import Reachability, reachability
 from coop_pin.stability.motion_loop import GROWS, MotionLoop
 
 _LARGEST = 1e6
 """State beyond which a loop counts as growing."""
+_SLOWER = (2.0, 4.0, 8.0)
+"""Times of a slower motion that are tried, over that of the motion."""
 _ON_START = 1e-3
 """Error of the start above which its decay is most of the errors, m and rad."""
 
@@ -132,6 +134,61 @@ def allowed_errors(scenario: Scenario) -> Errors:
         max(limits.force, limits.force_share * f_d),
         math.inf if cell.patches else max(limits.moment, limits.moment_share * m_d),
     )
+
+
+def worst_error(scenario: Scenario, expected: Forecast) -> tuple[float, float, str]:
+    """Return the error to expect that is largest over what the task allows, that, and both in words.
+
+    0 and 1 where none is known.
+
+    Args:
+        scenario: the scenario.
+        expected: forecast of its run.
+    """
+    largest, allowed = np.fmax(expected.moving, expected.at_rest), allowed_errors(scenario)
+    if np.isnan(largest).all():
+        return 0.0, 1.0, ""
+    worst = int(np.nanargmax(largest / allowed))
+    value, limit, name = float(largest[worst]), allowed[worst], Errors._fields[worst]
+    unit = ("m", "rad", "N", "N m")[worst]
+    return value, limit, f"{name} {value:.2g} {unit}, and the task allows {limit:.2g} {unit}"
+
+
+def _part_of_task(scenario: Scenario, expected: Forecast) -> float:
+    value, limit, _ = worst_error(scenario, expected)
+    return value / limit
+
+
+def slower_motion(
+    scenario: Scenario, expected: Forecast, poses: int, part: float = 1.0
+) -> tuple[dict[str, Any], Forecast]:
+    """Return the least slowing of the motion with a part of what the task allows, and the forecast with it.
+
+    Twice, four and eight times the time are tried, and the run is longer by as much as the motion. Where none
+    has the part, it is the first that the task allows. Nothing changes where none is, where errors at rest
+    are beyond it, where there are events, whose times go with the motion's, nor of a motion of a table.
+
+    Args:
+        scenario: Scenario with its law.
+        expected: forecast of its run.
+        poses: number of poses that are looked at along the motion.
+        part: part of what the task allows, up to which errors are expected.
+    """
+    changes, least, (begin, end) = dict[str, Any](), _part_of_task(scenario, expected), scenario.motion.span
+    length = end - begin if math.isfinite(end) else 0.0
+    if scenario.events or _part_of_task(scenario, expected._replace(moving=_UNKNOWN)) > 1.0:
+        return changes, expected
+    for factor in _SLOWER:
+        if least <= part or not (slowed := scenario.motion.slowed(factor)):
+            break
+        tried = {f"motion.{field}": value for field, value in slowed.items()}
+        tried |= {"duration": scenario.duration + (factor - 1.0) * length} if length else {}
+        slower = scenario.override(tried)
+        later = forecast(slower, reachability(slower, poses=poses))
+        share = math.inf if later.uncovered else _part_of_task(scenario, later)
+        if share <= part or share <= 1.0 < least:
+            changes, expected, least = tried, later, share
+    return changes, expected
 
 
 def _uncovered(scenario: Scenario, until: float) -> str:

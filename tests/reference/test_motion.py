@@ -124,6 +124,18 @@ def test_a_motion_that_ends_at_a_pose_ends_there(kind):
     assert_close(pose_error(np.array(MOTIONS[kind].at(9.0).X_WP_d), GOAL.matrix), np.zeros(6), atol=1e-14)
 
 
+@pytest.mark.parametrize("kind", ["line", "circle", "turn", "swing"])
+def test_a_slowed_motion_is_the_same_path_in_a_multiple_of_the_time(kind):
+    motion = MOTIONS[kind]
+    slower = motion.replace(**motion.slowed(4.0))
+    for time in TIMES.tolist():
+        at = motion.at(motion.start_time + time)
+        later = slower.at(motion.start_time + 4.0 * time)
+        assert_allclose(later.X_WP_d, at.X_WP_d, atol=1e-12)
+        assert_allclose(4.0 * later.V_WP_d, at.V_WP_d, atol=1e-12)
+        assert_allclose(16.0 * later.A_WP_d, at.A_WP_d, atol=1e-12)
+
+
 def test_a_circle_keeps_its_radius_about_one_centre_in_its_plane():
     motion = MOTIONS["circle"]
     positions = np.array([motion.at(time).X_WP_d[:3, 3] for time in np.linspace(0, 8, 200)])

@@ -78,6 +78,35 @@ CASES = {
 }
 
 
+BEYOND = {
+    # a planar cell whose task is stated tighter, and a spatial one on springs with the default limits
+    "planar": lambda folder: drawn(folder, 1, "rigid", 2).override({"task.position": 2e-6}),
+    "spatial": lambda folder: drawn(folder, 20261203, "compliant", 11),
+}
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param("planar", marks=pytest.mark.gate), pytest.param("spatial", marks=pytest.mark.slow)]
+)
+@pytest.mark.filterwarnings("ignore::coop_pin.errors.ScenarioWarning")
+def test_errors_beyond_the_task_have_a_slower_motion_as_remedy_which_a_proposal_has(kind, tmp_path):
+    """The remedy of the stated speed is executed, and is the proposal; a run keeps the task with it."""
+    stated = BEYOND[kind](tmp_path)
+    suggested = cp.suggest(stated, poses=21)
+    slower, motion = suggested.scenario, stated.motion
+    assert slower.motion.duration == 2.0 * motion.duration
+    assert slower.duration - stated.duration == pytest.approx(motion.duration)
+    assert suggested.changes[0].startswith("motion SLOWED")
+    faster = slower.override({"motion.duration": motion.duration, "duration": stated.duration})
+    doubts = {finding.kind: finding for finding in cp.check(faster, poses=21).of("error", "warning")}
+    beyond = doubts.pop("steady error")
+    assert beyond.value > beyond.limit
+    assert faster.override(beyond.remedy) == slower
+    assert {finding.kind for finding in cp.check(slower, poses=21).of("error", "warning")} <= doubts.keys()
+    result = cp.run(slower, warn=False, engine="auto")
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::coop_pin.errors.ScenarioWarning")
 @pytest.mark.parametrize("case", CASES)

@@ -11,6 +11,7 @@ import coop_pin as cp
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.feasibility import reachability
 from coop_pin.stability import forecast
+from coop_pin.stability.forecast import slower_motion, worst_error
 
 SMALL = {"position": 5e-5, "force": 0.1}
 """Errors below which a forecast need not be within a factor of two, m and N."""
@@ -113,3 +114,37 @@ def test_a_forecast_ends_at_the_first_event():
     assert told.until == 3.0
     assert "before the event at 3 s" in told.summary()
     assert told.moving.position <= forecast(scenario, found).moving.position
+
+
+def on_a_line(kind):
+    """A cell that rests on its reference, carries the payload along a line, and rests."""
+    if kind == "spatial":
+        return cp.Scenario.load("kinova-pair")
+    planar = cp.Scenario.load("adept-anchored").replace(events=(), duration=4.0)
+    start, goal = (cp.Pose.from_matrix(planar.motion.at(time).X_WP_d) for time in (0.0, 2.0))
+    line = cp.motions.LineMotion(start=start, goal=goal, start_time=0.5, duration=3.0)
+    return planar.replace(start=start, motion=line)
+
+
+@pytest.mark.parametrize("kind", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
+def test_a_motion_is_slowed_by_the_least_factor_that_keeps_the_task(kind):
+    cell, poses = on_a_line(kind), 11
+    expected = forecast(cell, reachability(cell, poses=poses))
+    part = 0.7 * worst_error(cell, expected)[0] / worst_error(cell, expected)[1]
+    assert slower_motion(cell, expected, poses) == ({}, expected)  # which is kept
+    fields, slower = slower_motion(cell, expected, poses, part)
+    length = cell.motion.duration
+    assert fields == {"motion.duration": 2.0 * length, "duration": cell.duration + length}
+    changed = cell.override(fields)
+    value, limit, words = worst_error(changed, forecast(changed, reachability(changed, poses=poses)))
+    assert value <= part * limit
+    assert words == worst_error(cell, slower)[2]
+    assert slower_motion(cell, expected, poses, 1e-9) == ({}, expected)  # which an eighth has not
+    push = cp.events.WrenchPulse(time=0.6, duration=0.1, wrench=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    for refused in (
+        cell.replace(events=(push,)),
+        cell.override({"motion": {"kind": "hold", "pose": cell.start}}),
+    ):
+        assert slower_motion(refused, expected, poses, part) == ({}, expected)
+    at_rest = expected._replace(at_rest=expected.at_rest._replace(position=1.0))
+    assert slower_motion(cell, at_rest, poses, part) == ({}, at_rest)

@@ -17,6 +17,8 @@ _INSET = 0.8
 """Grasps from above, from the payload's centre (0) to its edge (1)."""
 _FAN = np.pi / 3.0
 """Angle between neighbouring bases that stand side by side, rad."""
+_HANDS = 0.15
+"""Width of a payload below which tools from both of its sides meet, m."""
 _WIDTH = 0.02
 """Distance between shoulders beside each other, m."""
 _SAMPLES, _BEHIND = 200, 0.25
@@ -97,20 +99,26 @@ def faces_back(arms: Sequence[Arm]) -> bool:
 
 
 def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterator[Contact]:
-    """Yield the contacts of two or more arms, evenly around the payload or along one side of it."""
+    """Yield the contacts of two or more arms, evenly around the payload or along one side of it.
+
+    Arms around a narrow one, whose hands would meet across it, hold its ends, and one side of it between.
+    """
     half, shared = np.array(payload.size) / 2.0, layout == "one-base"
+    is_block = payload.shape != "cylinder"
+    is_narrow = layout == "facing" and is_block and count > 2 and 2.0 * half[:2].min() < _HANDS
     for k in range(count):
         around = at = np.pi * (1.0 + 2.0 * k / count)
-        if layout != "facing":
+        if is_narrow:
+            around = at = np.pi * (k / (count - 1) - (1.0 if half[0] > half[1] else 0.5))
+        elif layout != "facing":
             fan = 0.0 if shared else _FAN * (k - (count - 1) / 2.0)
             around, at = fan - np.pi / 2.0, np.pi * (k / (count - 1) - 1.0)
         outward = np.array((np.cos(at), np.sin(at), 0.0))
-        to_edge = (
-            half[0]
-            if payload.shape == "cylinder"
-            else np.min(half[:2] / np.maximum(np.abs(outward[:2]), _SMALL))
-        )
+        parts = np.maximum(np.abs(outward[:2]), _SMALL)
+        to_edge = np.min(half[:2] / parts) if is_block else half[0]
         point, approach = to_edge * outward, -outward
+        if is_narrow:
+            point = (*half[:2], 0.0) * outward / parts.max()
         if side == "ahead":
             approach = -np.array((np.cos(around), np.sin(around), 0.0))
         if side == "above":
