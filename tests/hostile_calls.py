@@ -45,6 +45,8 @@ import coop_pin as cp
 from coop_pin import cli
 from coop_pin.running.check import quick_findings
 from coop_pin.running.plausibility import implausible_numbers
+from coop_pin.simulation.run_state import RunState
+from coop_pin.simulation.tick import TickInputs
 
 SOUND = {"result", "refused", "not callable so"}
 LIMIT_S, LIMIT_BYTES = 30.0, 6 << 30
@@ -192,6 +194,10 @@ class Calls:
             simulation = cp.Simulation(self.scenario, cp.laws.build_controller(self.scenario))
             simulation.tick()
             return simulation
+        if owner in ("CellEnv", "VectorCellEnv"):
+            environment = PUBLIC[owner](self.scenario)
+            environment.reset()
+            return environment
         if owner == "CellChain":
             return cp.grasps.CellChain(self.scenario.cell)
         if owner == "Scenario":
@@ -432,6 +438,9 @@ class Calls:
         yield cp.viz.metrics_table, result
         yield cp.viz.replay_html, lambda: {"result": self.RunResult, "times": ()}
         yield cp.viz.report_html, result
+        yield cp.zoo.experiment_names, dict
+        yield cp.zoo.load_experiment, lambda: {"name": cp.zoo.experiment_names()[0]}
+        yield from self._newer_functions()
         yield cp.spatial.quaternions, lambda: {"R": np.eye(3)}
         yield cp.spatial.exp3, lambda: {"vector": np.zeros(3)}
         yield cp.spatial.log3, lambda: {"R": np.eye(3)}
@@ -442,6 +451,87 @@ class Calls:
             cp.spatial.load_wrenches,
             lambda: {"interaction": np.zeros((2, 6)), "load_shares": np.full(2, 0.5)},
         )
+
+    def _newer_functions(self):
+        """Functions on carries, distances, the law's loop, wrenches of other definitions and states."""
+        alone, along = (
+            (lambda: {"scenario": self.scenario}),
+            (lambda: {"scenario": self.scenario, "cell_reach": self.reach}),
+        )
+        rows = self.scenario.cell.task_rows.size
+        stability, design, feasibility, laws = cp.stability, cp.design, cp.feasibility, cp.laws
+        for function in (
+            feasibility.distances,
+            design.own_inertia,
+            feasibility.force_reserve,
+            stability.forecast,
+        ):
+            yield function, along
+        for function in (
+            *(feasibility.least_squeeze, feasibility.seen_by_arms, laws.build_controller),
+            *(stability.admittance_stability, stability.eigenvalues, stability.regrasp_gaps),
+        ):
+            yield function, alone
+        yield feasibility.table_force, lambda: {**alone(), "table_error": 0.002, "lag": 0.0}
+        yield design.deflection_bias, lambda: {**alone(), "G": np.stack([np.eye(rows)] * 2)}
+        yield design.own_inertia_proposal, lambda: {**along(), "least_stiffness": 0.0, "tips_give": False}
+        yield stability.grasp_stability, lambda: {"simulation": self.simulation}
+        yield stability.anchor_biases, lambda: {**alone(), "bias": 1e-3, "turn": 0.0}
+        yield (
+            stability.root_locus,
+            lambda: {**alone(), "field": "controller.gains.sign_gain", "factors": (1.0, 2.0), "time": 0.0},
+        )
+        yield (
+            cp.carry.plan_carry,
+            lambda: {
+                "cell": self.scenario.cell,
+                "start": self.scenario.start,
+                "goal": self.scenario.start,
+                "squeeze": None,
+                "duration": None,
+                "reserve": 0.05,
+                "smoothing": 0.05,
+                "places": 21,
+            },
+        )
+        yield cp.findings.recorded_distances, lambda: {"result": self.RunResult}
+        yield cp.compiled.law_reason, lambda: {"law": self.scenario.controller}
+        yield cp.compiled.plant_of, lambda: {"engine": "pinocchio"}
+        yield laws.consensus_bound, lambda: {"largest": 2.0, "delay": 1}
+        wrenches = np.arange(12.0).reshape(2, 6)
+        tips = np.array([[0.5, 0.0, 0.0], [-0.5, 0.1, 0.0]])
+        yield cp.spatial.norms6, lambda: {"vectors": wrenches}
+        yield cp.spatial.rotations, lambda: {"quaternion": np.array([0.0, 0.0, 0.0, 1.0])}
+        yield cp.spatial.symmetric_internal_wrenches, lambda: {"interaction": wrenches}
+        yield cp.spatial.linkage_loads, lambda: {"tips": tips}
+        for name in (
+            *("determinate_grasp", "minimum_norm_internal_wrenches", "nonsqueezing_internal_wrenches"),
+            *("virtual_linkage", "virtual_linkage_internal_wrenches"),
+        ):
+            yield getattr(cp.spatial, name), lambda: {"interaction": wrenches, "tips": tips}
+        yield (
+            cp.spatial.constraint_consistent_internal_wrenches,
+            lambda: {
+                "interaction": wrenches,
+                "tips": tips,
+                "masses": np.ones(2),
+                "inertias": np.ones(2),
+            },
+        )
+        yield cp.logs.write_run, lambda: {"result": self.RunResult, "file": self.folder / "run.csv"}
+        fields = self.state._asdict()
+        del fields["controller_state"]  # which is the law's to judge
+        yield self.restored, lambda: dict(fields)
+
+    @functools.cached_property
+    def state(self):
+        return self.own("Simulation").state()
+
+    def restored(self, **fields):
+        """A simulation that goes on from a state with other fields."""
+        simulation = self.own("Simulation")
+        simulation.restore(self.state._replace(**fields))
+        simulation.tick()
 
     def _arguments(self):
         """Good arguments by the name of what is called."""
@@ -513,6 +603,20 @@ class Calls:
             "RunResult.load": {"path": self.folder / "saved.nc"},
             "Simulation": {"scenario": self.scenario, "controller": controller},
             "Simulation.add_event": {"event": cp.events.PayloadChange(time=0.04, mass=1.0)},
+            "Simulation.step": {"command": cp.CellCommand(
+                [np.zeros(len(each.posture)) for each in self.scenario.cell.arms.values()], None)},
+            "Simulation.restore": {"state": self.state},
+            "Simulation.reset": {"seed": 3},
+            "ArmCommand": {"torque": np.zeros(k), "state": None},
+            "Task": {"action": "squeeze", "scale": 1.0, "rewards": {"position_error_m": 1.0}, "ticks": 2,
+                "law": True, "failure": 1.0, "gains": (), "dtype": "float32"},
+            "CellEnv": {"scenario": self.scenario, "task": cp.gym.Task(), "render_mode": None},
+            "CellEnv.reset": {"seed": 3, "options": None},
+            "CellEnv.step": {"action": np.zeros(self.scenario.cell.task_rows.size)},
+            "VectorCellEnv": {"scenarios": [self.scenario] * 2, "task": cp.gym.Task(), "num_envs": 2,
+                "render_mode": "ansi"},
+            "VectorCellEnv.reset": {"seed": [3], "options": None},
+            "VectorCellEnv.step": {"actions": np.zeros((1, self.scenario.cell.task_rows.size))},
             "Simulation.references": {"time": 0.01},
             "Simulation.replace_controller": {"controller": controller},
             "Simulation.replace_squeeze": {"squeeze": self.scenario.squeeze},
@@ -577,8 +681,10 @@ class Calls:
             good[f"ArmModel.{name}"] = arm_state
         for name in ("payload_pose", "payload_jacobian", "tip_positions", "closure_errors"):
             good[f"CellChain.{name}"] = {"q": q}
-        for name in ("tick", "snapshot", "result"):
+        for name in ("tick", "snapshot", "result", "state", "observe", "traffic"):
             good[f"Simulation.{name}"] = {}
+        for owner in ("CellEnv", "VectorCellEnv"):
+            good[f"{owner}.render"] = {}
         return {name: functools.partial(dict, arguments) for name, arguments in good.items()}
 
     @functools.cached_property
@@ -657,6 +763,8 @@ def not_finite(value: object) -> bool:
             )
             for name in DYNAMIC
         )
+    if isinstance(value, TickInputs | RunState):  # what sensors have not seen yet is NaN
+        return False
     if isinstance(
         value, cp.results.Snapshot
     ):  # wrenches are NaN in undetermined rows, torques beyond an arm's joints

@@ -35,6 +35,13 @@ class Clean(cp.ArmController):
         return 0.0
 
 
+class BoundedPush(Clean):
+    def step(self, measurement, reference, state):
+        error = np.tanh(self.rows.pose_error(measurement.payload_pose, reference.pose))
+        turned = np.tanh(self.rows.turn(measurement.payload_pose, reference.internal_wrench))
+        return cp.ArmCommand(-measurement.payload_jacobian.T @ (error + turned) - 2.0 * measurement.v, state)
+
+
 class Counter(Clean):
     def begin(self):
         self.n = 0

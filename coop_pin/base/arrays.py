@@ -11,14 +11,20 @@ import os
 import sys
 import types
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.base.errors import ArgumentError, OutOfRangeError, ShapeError, WrongTypeError
+from coop_pin.base.errors import (
+    ArgumentError,
+    NameNotFoundError,
+    OutOfRangeError,
+    ShapeError,
+    WrongTypeError,
+)
 from coop_pin.base.memory import require_memory
 
 Array: TypeAlias = NDArray[np.float64]
@@ -179,6 +185,16 @@ def _classes(annotation: Any) -> Iterator[type | None]:
         kind = origin or annotation
         is_class = isinstance(kind, type) and kind not in (np.ndarray, type, object)
         yield _NUMBERS.get(kind, kind) if is_class and not getattr(kind, "_is_protocol", False) else None
+
+
+def require_known(kind: str, name: object, known: Sequence[str], container: str) -> None:
+    """Refuse a name that is none of the known ones.
+
+    Raises:
+        NameNotFoundError: it is none, or no text.
+    """
+    if not isinstance(name, str) or name not in known:
+        raise NameNotFoundError(kind, cast(str, name), known, container)
 
 
 def require_path(name: str, value: object) -> None:

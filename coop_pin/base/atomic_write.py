@@ -21,13 +21,17 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         write: writes the content to the path it is given.
 
     Raises:
-        FileWriteError: the path is a folder.
+        FileWriteError: the path is a folder, or no file can be made there.
     """
     if path.is_dir():
         raise FileWriteError(str(path), "it is a folder")
-    path.parent.mkdir(parents=True, exist_ok=True)
     # tempfile would make the file readable by its owner alone, and the result would stay so.
     part = path.with_name(f".{path.stem}.{uuid.uuid4().hex}{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.touch()
+    except (OSError, ValueError) as error:  # a name that no file can have, a folder that is none
+        raise FileWriteError(str(path), getattr(error, "strerror", None) or str(error)) from None
     try:
         write(part)
         with part.open("rb") as written:

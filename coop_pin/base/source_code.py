@@ -24,6 +24,8 @@ _LONGEST_NAME = 200
 _WRITES = {"w", "wb", "a", "ab", "x", "xb", "w+", "a+", "r+"}
 _WRITERS = {"dump", "save", "savetxt", "savez", "to_csv", "to_netcdf", "write_bytes", "write_text"}
 """Modes and functions of what writes a file: the files that such code names are not what it reads."""
+_READERS = {"genfromtxt", "load", "loadtxt", "read", "read_bytes", "read_csv", "read_text", "readlines"}
+"""Functions of what reads one, too."""
 
 
 def file_digest(path: Path) -> str:
@@ -41,7 +43,7 @@ def source_files(name: str) -> tuple[Path, ...]:
 
     Local modules lie in the same folder or belong to the same package; installed packages other than the
     module's own are left out. Imports by a computed name are not followed. Nothing is imported. Data are
-    files that a module names in a text of its own and does not write.
+    files that a module names in a text of its own, or one in a folder that it names, and does not only write.
 
     Args:
         name: "module:function" or "module".
@@ -105,17 +107,19 @@ def _closure(module: str, root: Path) -> set[Path]:
 
 
 def data_files(code: CodeType | None, folder: Path) -> Iterator[Path]:
-    """Yield the files that code names, from its folder or the current one, and does not write."""
+    """Yield the files that code names, from its folder or the current one, and does not only write."""
     waiting = [code]
     while code := waiting.pop() if waiting else None:
         waiting += [part for part in code.co_consts if isinstance(part, CodeType)]
         texts = {part for part in _flat(code.co_consts) if isinstance(part, str)}
-        if texts & _WRITES or {*code.co_names} & _WRITERS:
+        names = {*code.co_names}
+        if (texts & _WRITES or names & _WRITERS) and not names & _READERS:
             continue
-        for text in texts:
-            if "." in text and len(text) < _LONGEST_NAME and text.isprintable():
-                files = (base / text for base in (folder, Path.cwd()))
-                yield from (file for file in files if file.is_file() and file.suffix != ".py")
+        texts = {text for text in texts if len(text) < _LONGEST_NAME and text.isprintable()}
+        roots = folder, Path.cwd()
+        bases = {*roots, *(base for root in roots for text in texts if (base := root / text).is_dir())}
+        files = (base / text for base in bases for text in texts if "." in text)
+        yield from (file for file in files if file.is_file() and file.suffix != ".py")
 
 
 def _flat(values: tuple[Any, ...]) -> Iterator[Any]:

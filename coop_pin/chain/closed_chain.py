@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.base.arrays import Array, Mask, require_type
+from coop_pin.base.arrays import Array, Mask, require_known, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.closed_kinematics import CLOSED, OPEN_ALLOWED, ClosedKinematics
 from coop_pin.chain.closure_set import Rolling
@@ -133,6 +133,7 @@ class ClosedChain(ClosedKinematics):
             NameNotFoundError, FieldError, ArgumentError: as for the constructor.
         """
         require_type("closures", closures, Sequence)
+        require_known("mimic", mimic, ("refuse", "ignore"), "from_urdf")
         model, loops = mechanism_model(path_or_xml, gravity, mimic == "ignore", package_dirs, xacro_args)
         options: Any = {"formulation": formulation, "open_allowed": open_allowed}
         return cls(model, [*loops, *closures], stabilisation=stabilisation, **options)

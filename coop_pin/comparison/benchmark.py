@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from coop_pin.base.arrays import as_count, require_path, require_type, typed
-from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
+from coop_pin.base.arrays import as_count, require_known, require_path, require_type, typed
+from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, ScenarioError
 from coop_pin.base.schema.user_code import code_of
 from coop_pin.base.source_code import code_digests
 from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for, gains_used
@@ -247,14 +247,16 @@ def _trials(scenario: Scenario, trials: Sequence[str] | Mapping[str, Any] | None
     if trials is None:
         return standard
     if isinstance(trials, Mapping):
+        for name, trial in trials.items():
+            require_type("name of a trial", name, str)
+            require_type(f"trials[{name!r}]", trial, Trial, Mapping)
         return {
             name: trial if isinstance(trial, Trial) else Trial(dict(trial)) for name, trial in trials.items()
         }
     require_type("trials", trials, list, tuple)
-    known = {*standard, "friction x0", "friction x3", "held by palms"}
+    known = [*standard, "friction x0", "friction x3", "held by palms"]
     for name in trials:
-        if name not in known:
-            raise NameNotFoundError("trial", name, standard, "the standard trials")
+        require_known("trial", name, known, "the standard trials")
     return {name: standard[name] for name in trials if name in standard}
 
 

@@ -7,7 +7,8 @@ from collections import defaultdict
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, Self, get_args
 
-from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError
+from coop_pin.base.arrays import require_known
+from coop_pin.base.errors import FieldError, ScenarioError
 from coop_pin.compiled.engines import Engine, Way
 from coop_pin.compiled.kind import Kind, law_reason, pinocchio_reason, plant_reason
 from coop_pin.description.scenario import Scenario
@@ -214,13 +215,9 @@ def plant_of(engine: str) -> PlantMaker:
     Raises:
         NameNotFoundError: there is no such engine.
     """
-    match engine:
-        case "pinocchio":
-            return PinocchioPlant
-        case "mujoco":
-            return MujocoPlant
-        case "compiled":
-            from coop_pin.compiled.plant.compiled_plant import CompiledPlant  # slow to load
+    require_known("engine", engine, get_args(Engine)[1:], "single runs")
+    if engine == "compiled":
+        from coop_pin.compiled.plant.compiled_plant import CompiledPlant  # slow to load
 
-            return CompiledPlant
-    raise NameNotFoundError("engine", engine, get_args(Engine)[1:], "single runs")
+        return CompiledPlant
+    return PinocchioPlant if engine == "pinocchio" else MujocoPlant

@@ -29,6 +29,6 @@ def engine_named(word: Any, path: str = "") -> Any:
     """
     if str(word) in FORMER:
         raise FieldError(f"is {word!r}, whose runs are those of engine {FORMER[str(word)]!r}", path)
-    if word not in get_args(Engine):
+    if not isinstance(word, str) or word not in get_args(Engine):
         raise FieldError(f"is {word!r}; it must be one of {get_args(Engine)}", path)
     return word

@@ -10,7 +10,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, Mask, require_type, typed
 from coop_pin.base.disk_cache import DiskCache
-from coop_pin.base.errors import ArgumentError, CoopPinError
+from coop_pin.base.errors import ArgumentError, CoopPinError, NotEnoughMemoryError, WrongTypeError
 from coop_pin.base.memory import require_memory
 from coop_pin.base.schema.parts import Filled
 from coop_pin.compiled.batch_result import BatchResult
@@ -20,7 +20,7 @@ from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.schedule import RunProgram, Schedule, varying
 from coop_pin.description.scenario import Scenario
-from coop_pin.tracing.kernel import Machine, Program
+from coop_pin.tracing.kernel import Machine
 from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
 LARGEST_BLOCK = 256
@@ -73,18 +73,21 @@ class BatchSimulator:
     def __init__(
         self,
         *,
-        machine: Callable[[Program], Machine] | None = None,
+        machine: type[Machine] | None = None,
         width: int | None = None,
         is_brief: bool = False,
     ) -> None:
         """Begin without code.
 
         Args:
-            machine: Maker of the machine of a program of kernels; None for compiled code, kept on disk.
+            machine: Class of the machine of a program of kernels; None for compiled code, kept on disk.
             width: Number of lanes of compiled code; that of this processor when omitted.
             is_brief: Whether to compile for few ticks; see LlvmMachine.
         """
-        self._new_machine = machine or partial(LlvmMachine, width=width, cache=DiskCache(), is_brief=is_brief)
+        if machine is not None and not (isinstance(machine, type) and issubclass(machine, Machine)):
+            raise WrongTypeError("machine", type(machine).__name__, "type, derived from Machine")
+        compiled = partial(LlvmMachine, width=width, cache=DiskCache(), is_brief=is_brief)
+        self._new_machine = compiled if machine is None else machine
         self._takes_kernels, self._width = machine is not None, width
         self._plants, self._families = list[tuple[tuple[object, ...], PreparedPlant]](), list[Family]()
         self._free = list[Array]()
@@ -153,6 +156,7 @@ class BatchSimulator:
         self,
         runs: Sequence[Prepared],
         begin: Callable[[], Callable[[], None] | None] = lambda: None,
+        memory_limit: int = 0,
     ) -> BatchResult:
         """Return the results of runs; raises as simulate_batch.
 
@@ -160,13 +164,14 @@ class BatchSimulator:
             runs: Runs of one family with the same times.
             begin: Function that is called before compiled code runs, from where on this simulator is not
                 used; it returns what the code's parts call in between.
+            memory_limit: Largest memory of the samples, bytes; 0 for what is free.
         """
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
         family, count = self.family([prepared]), len(prepared.plants)
         _, machine, order = family.orders[prepared.kind.times]
         if machine.record_size(count) > sum(memory.size for memory in self._free):
-            require_sample_memory(machine, count)
+            require_sample_memory(machine, count, memory_limit)
         (block, loads), lanes = family.code.begin(prepared), family.code.program.lanes
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories = [self._memory(machine.record_size(block[:, part].shape[1])) for part in parts]
@@ -231,16 +236,16 @@ class BatchSimulator:
         return ~same.all(axis=0)
 
 
-def require_sample_memory(machine: Machine, runs: int) -> None:
-    """Refuse samples that do not fit; raises NotEnoughMemoryError."""
+def require_sample_memory(machine: Machine, runs: int, limit: int = 0) -> None:
+    """Refuse samples that do not fit, or are above a limit other than 0; raises NotEnoughMemoryError."""
     size = _COPIES * 8 * machine.record_size(runs)
+    if 0 < limit < size:
+        raise NotEnoughMemoryError(f"samples of {runs} runs", size, limit, "raise memory_limit_gb")
     require_memory(f"samples of {runs} runs", size, "give fewer at once")
 
 
 @typed
-def simulate_batch(
-    scenarios: Sequence[Scenario], *, machine: Callable[[Program], Machine] | None = None
-) -> BatchResult:
+def simulate_batch(scenarios: Sequence[Scenario], *, machine: type[Machine] | None = None) -> BatchResult:
     """Return the results of scenarios that differ in numbers only.
 
     Numbers in which they differ become inputs of the traced code, all others fold into it. Of a user's law,
@@ -248,7 +253,7 @@ def simulate_batch(
 
     Args:
         scenarios: scenarios with equal kinds of everything and equal times of ticks and events.
-        machine: maker of the machine of a program of kernels; None for compiled code, kept on disk.
+        machine: class of the machine of a program of kernels; None for compiled code, kept on disk.
 
     Raises:
         ArgumentError: there are none.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.arrays import Array
+from coop_pin.base.arrays import Array, as_count, as_positive
 from coop_pin.base.errors import FieldError
 from coop_pin.control.measurement import Messages
 
@@ -31,7 +31,11 @@ def consensus_bound(largest: float, delay: int = 0) -> float:
     Args:
         largest: lambda_m, largest eigenvalue of L.
         delay: D, ticks by which messages are late.
+
+    Raises:
+        ArgumentError: one is no such number.
     """
+    largest, delay = as_positive("largest", largest), as_count("delay", delay)
     return float(2.0 * np.sin(np.pi / (4 * delay + 2)) / largest)
 
 

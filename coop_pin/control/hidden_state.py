@@ -9,20 +9,26 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import contextvars
 import dis
 import functools
+import gc
 import hashlib
 import random
 import sys
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from types import CodeType, FunctionType, ModuleType
-from typing import Any, NamedTuple
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
 
 import numpy as np
 
 from coop_pin.base.errors import TracingError
+from coop_pin.base.loaded_code import loads
 from coop_pin.base.schema.user_code import load_function
+from coop_pin.base.source_code import file_digest, source_files
 from coop_pin.control.controller import ArmController, CellController
+from coop_pin.control.used_names import cells_of, functions_of, used_names
 
 Contents = dict[str, Hashable]
 """Content of attributes, by where they are."""
@@ -34,12 +40,16 @@ _OUTSIDE = {
     *("tempfile", "threading", "time", "uuid"),
 }
 """Modules whose functions may return something else each time."""
-_CLOCKS = {"datetime", "secrets", "time", "uuid"}
-"""Modules whose functions are another each time without a state that can be kept."""
-_MAKERS = {"default_rng", "RandomState", "Random", "SeedSequence", "SystemRandom", "urandom"}
+_CLOCKS = dict.fromkeys(("datetime", "time"), "a run is another each time; take the time of the measurements")
+"""Modules whose functions are another each time without a state that can be kept, and what to do instead."""
+_DRAWN = "its random numbers are others in each run; state a seed, default_rng(seed)"
+_UNREPEATABLE = _CLOCKS | dict.fromkeys(("secrets", "uuid"), _DRAWN)
+_MAKERS = {"default_rng", "RandomState", "Random", "SeedSequence"}
 """Functions that make generators, without an argument from the entropy of the machine."""
+_ENTROPY = {"SystemRandom", "urandom"}
+"""Functions that have it with any."""
+_CACHED = "an entry of the cache"
 _RANDOM = "numpy.random", "random"
-_GLOBAL = "LOAD_GLOBAL", "LOAD_NAME", "STORE_GLOBAL", "DELETE_GLOBAL"
 _SEES_ALL = {"__import__", "eval", "exec", "globals", "input", "open"}
 """Functions of Python by which a law reaches what it does not name."""
 _STATEFUL = (Iterator, bytearray, random.Random)
@@ -79,29 +89,51 @@ def of_classes(targets: Iterable[str]) -> Contents:
 
 
 def of_all_runs(targets: Sequence[str]) -> Contents:
-    """Return what all runs of a process share that code may change: as of_classes, and random numbers.
+    """Return what all runs of a process share that code may change: as of_classes, caches, random numbers.
 
     Nothing of code that cannot be loaded, which the run refuses, and nothing of none.
     """
-    try:
-        contents = of_classes(targets)
-    except Exception:  # of a user's module
-        return {}
     if not targets:
         return {}
-    return contents | random_numbers()
+    try:
+        kinds = [kind for target in targets for kind in users_kinds(load_function(target, {}))]
+        parts = [part for kind in kinds for part in (of_kind(kind), _of_caches(kind))]
+    except Exception:  # of a user's module
+        return {}
+    files = {f"the file {path.name}": file_digest(path) for path in _data(tuple(targets), loads())}
+    return {name: content for part in parts for name, content in part.items()} | files | random_numbers()
+
+
+@functools.lru_cache(maxsize=64)
+def _data(targets: tuple[str, ...], _loads: int) -> list[Path]:
+    """Return the data files that code of the user's names."""
+    return [path for name in targets for path in source_files(name) if path.suffix != ".py"]
 
 
 def random_numbers() -> Contents:
     """Return the states of the random numbers that belong to nobody."""
-    states = np.random.get_state(legacy=False), random.getstate()  # noqa: NPY002
-    named = zip(_RANDOM, states, strict=True)
-    return {f"the random numbers of {name}": content_of(state, {}) for name, state in named}
+    states = {"numpy.random": np.random.get_state(legacy=False), "random": random.getstate()}  # noqa: NPY002
+    if torch := sys.modules.get("torch"):
+        states["torch"] = torch.get_rng_state().numpy()
+    return {f"the random numbers of {name}": content_of(state, {}) for name, state in states.items()}
+
+
+def _of_caches(kind: Any) -> Contents:
+    """Return what functions of a class have cached, entry by entry: of CPython's lru_cache alone."""
+    contents = Contents()
+    for name, cache in _named_values(kind).items():
+        if isinstance(cache, functools._lru_cache_wrapper):
+            _, *held = gc.get_referents(cache)
+            is_bounded, count = cache.cache_parameters()["maxsize"] is not None, cache.cache_info().currsize
+            pairs = zip(held[: 2 * count : 2], held[1 : 2 * count : 2], strict=True)
+            for key, value in pairs if is_bounded else held[0].items():
+                contents[f"{_CACHED} {name!r} for {key!r}"] = content_of(value, {})
+    return contents
 
 
 def names_random_numbers(kind: Any) -> bool:
     """Return whether functions of a class name a module of random numbers."""
-    return "random" in _names(kind).all
+    return "random" in used_names(kind).names
 
 
 def users_kinds(called: Any) -> Iterator[Any]:
@@ -110,44 +142,18 @@ def users_kinds(called: Any) -> Iterator[Any]:
 
 
 def of_kind(kind: Any) -> Contents:
-    """Return the attributes of a class of the user, and what its functions use of its module."""
-    contents, module = Contents(), vars(sys.modules[kind.__module__])
-    if isinstance(kind, type):
-        contents |= {f"{name!r} of class {kind.__qualname__}": part for name, part in _attributes(kind)}
-    for name in sorted(_names(kind).globals & module.keys()):
-        contents[f"{name!r} of module {kind.__module__}"] = content_of(module[name], {})
+    """Return the attributes of a class of the user, and what its functions use of the user's modules."""
+    used = used_names(kind)
+    contents = {
+        f"{name!r} of class {each.__qualname__}": part
+        for each in (kind, *used.kinds)
+        if isinstance(each, type)
+        for name, part in _attributes(each)
+    }
+    for (home, name), module in sorted(used.globals.items(), key=lambda item: item[0]):
+        if name in module:
+            contents[f"{name!r} of module {home}"] = content_of(module[name], {})
     return contents
-
-
-class _UsedNames(NamedTuple):
-    """Names in functions: those of globals, and those of attributes with them."""
-
-    globals: frozenset[str]
-    all: frozenset[str]
-
-
-@functools.cache  # for every run of a batch
-def _names(kind: Any) -> _UsedNames:
-    """Return the names that the functions of a class use, also by other functions of its module."""
-    names, every = set[str](), set[str]()
-    for code in _all_code(kind):
-        names |= {each.argval for each in dis.get_instructions(code) if each.opname in _GLOBAL}
-        every.update(code.co_names)
-    return _UsedNames(frozenset(names), frozenset(every))
-
-
-def _all_code(kind: Any) -> Iterator[CodeType]:
-    """Yield the code of the functions of a class, and of those of its module that they name."""
-    module, seen = vars(sys.modules[kind.__module__]), set[str]()
-    parts = vars(kind).values() if isinstance(kind, type) else [kind]
-    waiting = [code for value in parts for code in _code(value)]
-    while waiting:
-        code = waiting.pop()
-        yield code
-        waiting += [part for part in code.co_consts if isinstance(part, CodeType)]
-        new = {each.argval for each in dis.get_instructions(code) if each.opname in _GLOBAL} - seen
-        seen |= new
-        waiting += [part for name in new & module.keys() for part in _code(module[name])]
 
 
 def require_no_outside(targets: Iterable[str]) -> None:
@@ -157,43 +163,48 @@ def require_no_outside(targets: Iterable[str]) -> None:
         TracingError: they do.
     """
     for kind in (kind for target in targets for kind in users_kinds(load_function(target, {}))):
-        values, (names, every) = _named_values(kind), _names(kind)
+        values, used = _named_values(kind), used_names(kind)
         outside = [name for name, value in values.items() if _is_outside(value)]
-        if any(value is np for value in values.values()) and "random" in every:
+        if any(value is np for value in values.values()) and "random" in used.names:
             outside.append("numpy.random")
-        if outside := sorted({*outside, *(names & _SEES_ALL) - vars(sys.modules[kind.__module__]).keys()}):
+        if outside := sorted({*outside, *(used.names & _SEES_ALL) - values.keys()}):
             raise TracingError(f"names {', '.join(outside)}, which may be another each time")
 
 
 def unrepeatable(targets: Iterable[str]) -> list[str]:
     """Return a sentence on each clock and each generator without a seed that functions of laws name."""
     kinds = [kind for target in targets for kind in users_kinds(load_function(target, {}))]
-    named = {name for kind in kinds for name, value in _named_values(kind).items() if _homes(value) & _CLOCKS}
-    used = dict.fromkeys(named, "a run is another each time; take the time of the measurements")
-    seeded = "its random numbers are others in each run; state a seed, default_rng(seed)"
-    unseeded = {name: seeded for kind in kinds for name in _calls_without_seed(kind)}
+    used = {
+        name: _UNREPEATABLE[home]
+        for kind in kinds
+        for name, value in _named_values(kind).items()
+        for home in _homes(value) & _UNREPEATABLE.keys()
+    }
+    unseeded = {name: _DRAWN for kind in kinds for name in _calls_without_seed(kind)}
     return [f"the code uses {name}: {advice}" for name, advice in sorted((used | unseeded).items())]
 
 
 def _named_values(kind: Any) -> dict[str, Any]:
     """Return what functions of a class name: globals, attributes, defaults, variables of outer functions."""
-    module = vars(sys.modules[kind.__module__])
-    values = {name: module[name] for name in _names(kind).globals & module.keys()} | vars(kind)
+    globals_ = used_names(kind).globals.items()
+    values = {name: module[name] for (_, name), module in globals_ if name in module} | vars(kind)
     held = {
         f"{name} (a default or a variable of a function around it)": part
         for name, value in values.items()
-        for function in _functions(value)
-        for part in (*(function.__defaults__ or ()), *_cells(function))
+        for function in functions_of(value)
+        for part in (*(function.__defaults__ or ()), *cells_of(function))
     }
     return values | held
 
 
 def _calls_without_seed(kind: Any) -> Iterator[str]:
     """Yield the makers of generators that functions of a class call without an argument."""
-    for code in _all_code(kind):
+    for code in used_names(kind).code:
         name = ""
         for step in dis.get_instructions(code):
-            if step.argval in _MAKERS:
+            if step.argval in _ENTROPY:
+                yield f"{step.argval}()"
+            elif step.argval in _MAKERS:
                 name = step.argval
             elif step.opname.startswith("CALL"):
                 if name and step.arg == 0:
@@ -225,18 +236,6 @@ def _homes(value: Any) -> set[str]:
     )
 
 
-def _functions(value: Any) -> Iterator[FunctionType]:
-    """Yield a function, also that of a property, or of a method of a class."""
-    for function in (value, *(getattr(value, name, None) for name in ("__func__", "fget", "__wrapped__"))):
-        if isinstance(function, FunctionType):
-            yield function
-
-
-def _code(value: Any) -> Iterator[CodeType]:
-    """Yield the code of a function."""
-    yield from (function.__code__ for function in _functions(value))
-
-
 def digest(contents: object) -> str:
     """Return a digest of numbers, texts and classes that is the same in every process."""
     return hashlib.sha256(repr(contents).encode()).hexdigest()
@@ -244,10 +243,12 @@ def digest(contents: object) -> str:
 
 def leaks(before: Contents, targets: Sequence[str]) -> list[str]:
     """Return a sentence on each content that was another before a run: the next one begins with it."""
+    after = of_all_runs(targets) if before else {}
     return [
         f"a run changes {name}, which all runs share, so that they depend on their order; keep it in the"
         " state of init and step, and random numbers in a generator of the object, default_rng(seed)"
-        for name in changes(before, of_all_runs(targets) if before else {})
+        for name in changes(before, after)
+        if not name.startswith(_CACHED) or name in before.keys() & after.keys()  # a new entry harms nobody
     ]
 
 
@@ -296,8 +297,10 @@ def content_of(value: Any, memo: dict[int, int]) -> Hashable:
         return tuple(sorted(repr(content_of(part, memo)) for part in value))
     if isinstance(value, staticmethod | classmethod):
         value = value.__func__
+    if isinstance(value, contextvars.ContextVar):
+        return value.name, content_of(value.get(None), memo)
     if isinstance(value, FunctionType):
-        held = value.__defaults__, value.__kwdefaults__, vars(value), [*_cells(value)]
+        held = value.__defaults__, value.__kwdefaults__, vars(value), [*cells_of(value)]
         return value.__qualname__, content_of(held, memo)
     if isinstance(value, np.random.Generator):
         return type(value).__qualname__, content_of(value.bit_generator.state, memo)
@@ -310,10 +313,3 @@ def content_of(value: Any, memo: dict[int, int]) -> Hashable:
     if isinstance(value, type | ModuleType) or not hasattr(value, "__dict__"):
         return getattr(value, "__qualname__", type(value).__qualname__)
     return type(value).__qualname__, content_of(vars(value), memo)
-
-
-def _cells(function: FunctionType) -> Iterator[Any]:
-    """Yield the values of outer functions that a function uses."""
-    for cell in function.__closure__ or ():
-        with contextlib.suppress(ValueError):  # it has none yet
-            yield cell.cell_contents

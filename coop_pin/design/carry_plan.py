@@ -177,6 +177,7 @@ def plan_carry(
         InfeasibleMotionError: cause "reach": an arm cannot follow; "limits": a joint limit, no limit at all,
             or a duration that is too short; "torque": a limit exceeded at rest.
         ArgumentError: a grasp is not rigid.
+        NotEnoughMemoryError: so many places, or so narrow a moving average, do not fit.
     """
     require_type("cell", cell, Cell)
     if not 0.0 <= (reserve := as_number("reserve", reserve)) < 1.0:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, typed
-from coop_pin.base.errors import InfeasibleMotionError
+from coop_pin.base.arrays import Array, as_array, typed
+from coop_pin.base.errors import ArgumentError, InfeasibleMotionError
 from coop_pin.base.spatial import TaskRows, spatial_inertia, weight_wrench
 from coop_pin.control import PayloadSpace, PayloadSpaceGains, PostureGains, Saturation
 from coop_pin.description.scenario import Scenario
@@ -248,6 +248,10 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
     Args:
         scenario: Cell and motion.
         G: Gains G_i in payload axes, shape (m, k_0, k_0).
+
+    Raises:
+        ShapeError: they have another shape.
+        ArgumentError: their sum has no inverse.
     """
     cell, motion = scenario.cell, scenario.payload_motion
     rows, linkage = cell.task_rows, scenario.grasp_plan_at(0.0).linkage
@@ -263,6 +267,9 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
         if time or cell.patches:  # on compliant grasps the squeeze is not on at the start
             force = force + scenario.squeeze.at(time, cell.grasps)
         biases.append(np.array([rows.select(b) for b in np.einsum("ijk,ik->ij", C, force)]))
+    G = as_array("G", G, len(cell.arms), rows.size, rows.size)
+    if np.linalg.matrix_rank(G.sum(axis=0)) < rows.size:
+        raise ArgumentError("the sum of G has no inverse; give gains in every direction")
     b = np.array(biases) - is_zeroed * biases[0]
     off = b - np.linalg.solve(G.sum(axis=0), np.einsum("ijk,tik->tj", G, b).T).T[:, None]
     sizes = np.linalg.norm(rows.expand(off).reshape(*off.shape[:2], 2, 3), axis=-1).max(axis=(0, 1))

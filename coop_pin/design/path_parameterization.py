@@ -8,9 +8,12 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InfeasibleMotionError
+from coop_pin.base.memory import require_memory
 
 _PER_WIDTH = 8
 """Times within the width of a moving average, at least."""
+_TIME = 32768.0
+"""Memory of a time, whose neighbourhood is looked at in four places, bytes."""
 _FLAT = 1e-12
 """A coefficient of u below this part of a row's largest is none."""
 
@@ -132,8 +135,9 @@ def smoothed(places: Array, x: Array, width: float, least: int) -> tuple[Array, 
         whole = before[i] + places[i] * h + v[i] * h**2 / 2.0 + u[i] * h**3 / 6.0
         return np.asarray(whole + np.maximum(t - ends[-1], 0.0))
 
-    count = max(least, int(_PER_WIDTH * (ends[-1] / width + 1.0)) + 1)
-    times = np.linspace(0.0, ends[-1] + width, count)
+    count = max(float(least), _PER_WIDTH * (float(ends[-1]) / width + 1.0) + 1.0)
+    require_memory(f"{count:.3g} times of a moving average", _TIME * count, "take a wider one")
+    times = np.linspace(0.0, ends[-1] + width, int(count))
     fractions = (integral(times) - integral(times - width)) / width
     fractions[0], fractions[-1] = 0.0, 1.0
     return times, fractions

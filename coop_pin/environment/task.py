@@ -10,7 +10,15 @@ from typing import Any, Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coop_pin.base.arrays import Array, as_array, as_count, as_number, as_positive, require_type
+from coop_pin.base.arrays import (
+    Array,
+    as_array,
+    as_count,
+    as_number,
+    as_positive,
+    require_known,
+    require_type,
+)
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, OutOfRangeError
 from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.scenario import Scenario
@@ -28,8 +36,8 @@ def require_render_mode(mode: str | None) -> str | None:
     Raises:
         NameNotFoundError: there is no such mode.
     """
-    if mode is not None and mode not in RENDER_MODES:
-        raise NameNotFoundError("render mode", mode, RENDER_MODES, "environments of cells")
+    if mode is not None:
+        require_known("render mode", mode, RENDER_MODES, "environments of cells")
     return mode
 
 
@@ -150,11 +158,9 @@ class Task:
             ("action", self.action, ("torque", "velocity", "squeeze", "gains")),
             ("dtype", self.dtype, ("float32", "float64")),
         ):
-            if value not in known:
-                raise NameNotFoundError(name, value, known, "Task")
+            require_known(name, value, known, "Task")
         for name, weight in self.rewards.items():
-            if name not in REWARDS:
-                raise NameNotFoundError("metric", name, [*REWARDS], "REWARDS")
+            require_known("metric", name, [*REWARDS], "REWARDS")
             as_number(f"rewards[{name!r}]", weight)
         if self.action in ("squeeze", "gains") and not self.law:
             raise ArgumentError(f"action {self.action!r} is a change of what a law does; set law=True")

@@ -77,10 +77,9 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         runs = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
         for index, scenario in enumerate(runs):
             require_type(f"scenarios[{index}]", scenario, Scenario)
-        if len(runs) == 1:
-            lanes = 1 if num_envs is None else as_fitting_count("num_envs", num_envs, 1, _LANE)
-            runs *= lanes
-        if not runs or (num_envs or len(runs)) != len(runs):
+        lanes = len(runs) if num_envs is None else as_fitting_count("num_envs", num_envs, 1, _LANE)
+        runs *= lanes if len(runs) == 1 else 1
+        if not runs or lanes != len(runs):
             raise ArgumentError(
                 f"there are {len(runs)} scenarios for num_envs = {num_envs}; give one, or one each"
             )

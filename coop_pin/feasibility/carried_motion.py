@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import Array
+from coop_pin.base.arrays import Array, typed
 from coop_pin.base.spatial import exp3, inverse_pose, log3
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.differential_base import Steering
@@ -21,6 +21,7 @@ _STILL = 1e-3
 """Speed below which a base counts as resting, m/s."""
 
 
+@typed
 def seen_by_arms(scenario: Scenario) -> Scenario:
     """Return the scenario whose arms do the same on joints that are held, for analyses; itself without any.
 

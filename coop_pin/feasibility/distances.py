@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.arrays import Array, typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.carried_motion import displacement, seen_by_arms, shared_positions
 from coop_pin.feasibility.cell_distances import CellDistances, Exemption
@@ -112,6 +112,7 @@ class Distances:
         return "\n".join(lines)
 
 
+@typed
 def distances(
     scenario: Scenario, cell_reach: Reachability | None = None, *, poses: int = _POSES
 ) -> Distances:
@@ -131,7 +132,6 @@ def distances(
     Raises:
         UrdfError, NameNotFoundError, FileReadError: as of ``reachability``.
     """
-    require_type("scenario", scenario, Scenario)
     seen = seen_by_arms(scenario)
     reach = reachability(seen, poses=poses) if cell_reach is None else cell_reach
     bodies, first = CellDistances(scenario.cell), CellArm(seen.cell, reach.arms[0].arm)

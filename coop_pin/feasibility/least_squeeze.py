@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.base.arrays import Array
+from coop_pin.base.arrays import Array, typed
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.cell.cell import Cell
@@ -65,6 +65,7 @@ class LeastSqueeze(NamedTuple):
         return text if self.ok else f"{text}: the payload would slip; squeeze more, or move slower"
 
 
+@typed
 def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | None:
     """Return the least squeeze of the cell's patches and pads along the motion; None without any.
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, as_positive
+from coop_pin.base.arrays import Array, as_positive, typed
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.description.cell.contact import corners
 from coop_pin.description.grasp_events import PutDown
@@ -68,6 +68,7 @@ class TableForce(NamedTuple):
         return text if self.ok else f"{text}; {remedy}"
 
 
+@typed
 def table_force(
     scenario: Scenario, *, table_error: float = TABLE_ERROR, lag: float = 0.0
 ) -> TableForce | None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from coop_pin.base.arrays import as_array
+from coop_pin.base.arrays import as_array, typed
 from coop_pin.base.errors import FieldError
 from coop_pin.control import CellController, ControlledArm, FeedForwardController
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 
 
+@typed
 def build_controller(scenario: Scenario) -> CellController:
     """Return the controller that a scenario names.
 

@@ -128,10 +128,10 @@ class SweepPlan(Description):
         zipped: groups of fields that vary together.
         sample: points over the ranges of several fields.
         metrics: user functions, "module:function", that take a RunResult and return numbers by name.
-        time_limit_s: wall time after which a run that is simulated singly is aborted, s. Batches of laws of
-            the package ignore it.
-        memory_limit_gb: memory of a worker, GB; a run that needs more fails. Neither batches of laws of the
-            package nor runs in this process have a limit.
+        time_limit_s: wall time after which a run is aborted, s; a batch may take the sum of its runs, and is
+            then simulated in halves, at last singly.
+        memory_limit_gb: memory of a worker, or of the samples of a batch, GB; a run that needs more fails. A
+            single run in this process has no limit.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
         engine: "pinocchio" or "mujoco", each run alone; "compiled", runs of one kind together, or each alone
             on a compiled plant if the first run's law cannot be compiled, and on Pinocchio those that cannot

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -72,9 +73,9 @@ def run_key(
     """Return the key of a run, 64 hexadecimal digits.
 
     The key covers the resolved scenario, the contents of the files that it names (robot descriptions, tables
-    of poses), the source of the user's code with the local modules that it imports, the names of the user's
-    metrics, and the version of coop_pin. It does not cover the source of coop_pin, files that a xacro or a
-    mesh refers to, or the versions of other packages.
+    of poses, what options of the user's code name), the source of the user's code with the local modules that
+    it imports, the names of the user's metrics, and the version of coop_pin. It does not cover the source of
+    coop_pin, files that a xacro or a mesh refers to, or the versions of other packages.
 
     Args:
         scenario: the resolved scenario.
@@ -123,8 +124,17 @@ def _files(scenario: Scenario) -> Iterator[tuple[str, Path]]:
         with contextlib.suppress(CoopPinError):
             yield arm.urdf, _urdf_path(arm.urdf)
     table = fields_of(scenario.motion).get("path", "")
-    if table and Path(table).is_file():
-        yield table, Path(table)
+    options = _texts([getattr(part, "options", ()) for part in vars(scenario).values()])
+    yield from ((text, Path(text)) for text in (table, *options) if os.path.isfile(text))  # noqa: PTH113  any text
+
+
+def _texts(options: Any) -> Iterator[str]:
+    """Yield the texts in the options of a user's code, of which some may name files."""
+    for part in options.values() if isinstance(options, Mapping) else options:
+        if isinstance(part, str):
+            yield part
+        elif isinstance(part, Mapping | Sequence):
+            yield from _texts(part)
 
 
 @functools.lru_cache(maxsize=256)

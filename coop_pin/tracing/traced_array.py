@@ -241,6 +241,7 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.round: lambda x: np.rint(traced(x)),
     np.linalg.inv: lambda A: traced(elementary.inverse(plain(A))),
     np.zeros_like: lambda a: traced(np.zeros(np.shape(a))).astype(object).view(TracedArray),
+    np.array: traced,  # by np.array(values, like=a)
     np.shape: lambda a: plain(a).shape,
     np.ndim: lambda a: plain(a).ndim,
 }

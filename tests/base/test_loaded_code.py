@@ -111,6 +111,12 @@ def test_modules_of_packages_that_are_named_relative_are_followed(place):
 def test_data_that_code_names_and_does_not_write_belong_to_it(place):
     write(place, own_m__py="from pathlib import Path\nG = Path('own.csv').read_text()\n", own__csv="1")
     write(place, own_l__py="def f():\n    open('own.log', 'a').write('x')\n", own__log="")
+    write(place, own_r__py="def f():\n    t = open('own.log').read()\n    open('own.log', 'w').write(t)\n")
+    assert [path.name for path in source_files("own_r:f")] == ["own.log", "own_r.py"]
+    (place / "tables").mkdir()
+    (place / "tables" / "own.npz").write_text("")
+    write(place, own_t__py="from pathlib import Path\nP = Path(__file__).parent / 'tables' / 'own.npz'\n")
+    assert [path.name for path in source_files("own_t:P")] == ["own_t.py", "own.npz"]
     assert [path.name for path in source_files("own_m:G")] == ["own.csv", "own_m.py"]
     assert [path.name for path in source_files("own_l:f")] == ["own_l.py"]
     module = importlib.import_module("own_m")

@@ -13,7 +13,7 @@ from ways import run_as_lane
 import coop_pin as cp
 from coop_pin.base.errors import TracingError
 from coop_pin.compiled import simulate_batch
-from coop_pin.compiled.laws.support import checked, difference
+from coop_pin.compiled.laws.support import checked, difference, support
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 
@@ -225,6 +225,12 @@ def test_a_sweep_warns_once_of_what_its_runs_leave_to_the_next(tmp_path, caplog)
     cp.sweep(base, **plan, execution=HERE)
     told = [record for record in caplog.messages if "'past' of class ClassList" in record]
     assert len(told) == 1
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_functions_of_pose_errors_and_turned_wrenches_are_traced(cell):
+    law = {"kind": "user", "target": "stateful_laws:BoundedPush"}
+    assert support(scenario_of("Spring", cell).override({"controller": law})) is None
 
 
 def test_quantities_that_differ_are_named():

@@ -392,7 +392,7 @@ def test_another_process_neither_traces_nor_compiles_and_other_numbers_have_othe
         runs = [scenario, scenario.override({field: 4.0})]
         return simulate_batch(runs, **machine).samples["configuration"]
 
-    traced = [positions(scenario, machine=lambda program: LlvmMachine(program)) for scenario in (base, heavy)]
+    traced = [positions(scenario, machine=LlvmMachine) for scenario in (base, heavy)]
 
     def written():
         return {file.name: file.stat().st_ino for file in folder.iterdir()}

@@ -1,5 +1,6 @@
 """Laws that are edited in a live process: no number of old code under a new key, and no silence."""
 
+import contextlib
 import importlib
 import json
 import subprocess
@@ -18,8 +19,8 @@ import numpy as np
 import coop_pin as cp
 {head}
 class Push(cp.ArmController):
-    def __init__(self, scenario, arm, scale=1.0):
-        self.scale = scale
+    def __init__(self, scenario, arm, scale=1.0, file=""):
+        self.scale, self.file = scale, file
     def init(self, measurement, reference):
         return None
     def step(self, measurement, reference, state):
@@ -48,6 +49,10 @@ WAYS = {
         "own.txt": "{}",
     },
     "data in step": {"own_push": (DATA, "K = float(Path('own.txt').read_text())", "K"), "own.txt": "{}"},
+    "data of an option": {
+        "own_push": (DATA, "K = float(Path(self.file).read_text())", "K"),
+        "own.txt": "{}",
+    },
 }
 """Ways to edit: the files, with the number at its place."""
 RELOADED = {
@@ -104,7 +109,7 @@ def call(what, out):
         case "open":
             result = cp.sweep("adept-paper", AXES, out=out, changes=SHORT, execution=two)
             return [of_table(result), of_run(result.open(0))]
-    own = {"mine": cp.UserController(target=SHORT["controller"]["target"])}
+    own = {"mine": cp.UserController(**SHORT["controller"])}
     table = cp.compare("adept-paper", own, ["nominal"], out=out, duration=0.5, execution=here)
     return [of_run(table.open("adept-paper", "mine", "nominal"))]
 
@@ -113,6 +118,8 @@ def edited_process(way, what):
     """Print the torques of a call after an edit from 1 to 2 N m, or the error, and the warnings."""
     if way == "new cell":
         SHORT["controller"]["target"] = "__main__:Push"
+    if way == "data of an option":
+        SHORT["controller"]["options"] = {"file": "own.txt"}
     write(way, 1.0)
     if way == "before the first run":
         importlib.import_module("own_push")
@@ -206,6 +213,23 @@ def test_a_finished_sweep_says_which_file_changed(caplog):
     assert caught.value.files == ("own_help.py",)
     with pytest.warns(ScenarioWarning, match=r"own_help\.py"):
         assert result.open(0).data.sizes["time"] > 1  # its table and this process have the old code
+
+
+@pytest.mark.gate
+@pytest.mark.usefixtures("place")
+def test_a_law_that_rewrites_its_data_is_told_and_refused_from_then_on(caplog):
+    head, reads = WAYS["data in step"]["own_push"][:2]
+    inside = f"{reads}; Path('own.txt').write_text(str(K + 1e-3))"
+    Path("own_push.py").write_text(LAW.format(head=head, inside=inside, K="K"))
+    Path("own.txt").write_text("1.0")
+    with pytest.warns(ScenarioWarning, match=r"the file own\.txt"):
+        cp.run("adept-paper", SHORT)
+    with pytest.raises(CodeChangedError):
+        call("here", "refused")
+    importlib.reload(sys.modules["own_push"])
+    with contextlib.suppress(CodeChangedError):
+        call("here", "told")
+    assert "the file own.txt" in caplog.text
 
 
 @pytest.mark.usefixtures("place")

@@ -244,3 +244,15 @@ def test_workers_simulate_batches_with_the_bits_of_this_process(tmp_path):
     here, _ = swept(plan(axes=axes), tmp_path / "here")
     there = cp.sweep(plan(axes=axes), out=tmp_path / "there", execution=cp.Execution(workers=2, quiet=True))
     assert bits([there.point(n) for n in range(150)]) == bits(here)
+
+
+@pytest.mark.parametrize(
+    ("limits", "failure"), [({"time_limit_s": 1e-4}, "RunTimeoutError"), ({"memory_limit_gb": 1e-5}, "")]
+)
+def test_limits_hold_for_batches_whose_runs_are_then_single(limits, failure, tmp_path, caplog):
+    """Of memory only in workers; in this process a single run has no limit."""
+    chosen = plan(axes={"controller.gains.damping_gain": [40.0, 50.0]}, **limits)
+    result = cp.sweep(chosen, out=tmp_path, execution=cp.Execution(workers=0, quiet=True))
+    assert result.table["failure"].tolist() == [failure] * 2
+    assert "compiled" not in {record.engine for record in SweepStore(tmp_path).records()}
+    assert next(iter(limits)) in caplog.text

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, as_array, shaped
-from coop_pin.base.errors import ShapeError
+from coop_pin.base.errors import ArgumentError, ShapeError
 from coop_pin.base.spatial.pose import shift_wrench
 
 _RANK = 1e-6
@@ -24,7 +24,7 @@ def load_wrenches(interaction: Array, load_shares: Array) -> Array:
         interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, k).
         load_shares: c_i, summing to one, shape (..., m).
     """
-    if not hasattr(load_shares, "shape") or (type(load_shares) is np.ndarray and load_shares.ndim < 2):
+    if not isinstance(load_shares, np.ndarray) or (type(load_shares) is np.ndarray and load_shares.ndim < 2):
         load_shares = as_array("load_shares", load_shares, "m")
     if not isinstance(interaction, np.ndarray):
         interaction = as_array("interaction", interaction, "m", "k")
@@ -124,7 +124,7 @@ def linkage_loads(tips: Array) -> Array:
     Args:
         tips: r_i, position of each tip relative to P, m, shape (m, 3).
     """
-    m = len(tips)
+    m = len(tips := as_array("tips", tips, "m", 3))
     if m == 1:
         return np.eye(6)[None]
     each = np.tile(np.eye(6)[:, None, :] / m, (1, m, 1))  # resultants, one after the other
@@ -178,6 +178,9 @@ def determinate_grasp(interaction: Array, tips: Array) -> tuple[Array, Array]:
         interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, 6).
         tips: r_i, position of each tip relative to P, m, shape (..., m, 3).
     """
+    tips, interaction = shaped("tips", tips, 3), shaped("interaction", interaction, 6)
+    if tips.shape[:-1] != interaction.shape[:-1]:
+        raise ShapeError("tips", tips.shape, (*interaction.shape[:-1], 3))
     is_free = np.isnan(interaction)
     return np.where(is_free, 0.0, interaction), np.where(is_free[..., :3], 0.0, tips)
 
@@ -223,5 +226,8 @@ def _about_P(tips: Array, weights: Array) -> Array:
 
 def _split(interaction: Array, B: Array, total: Array) -> Array:
     """Return F_i - B_i total^-1 sum_j F_j."""
-    motion = np.linalg.solve(total, interaction.sum(axis=-2)[..., None])
+    try:
+        motion = np.linalg.solve(total, interaction.sum(axis=-2)[..., None])
+    except np.linalg.LinAlgError:
+        raise ArgumentError("tips are at one place; the virtual bodies there could turn freely") from None
     return interaction - (B @ motion[..., None, :, :])[..., 0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any
 
@@ -219,11 +220,15 @@ def weight_wrench(mass: float, gravity: ArrayLike) -> Array:
         ShapeError: the shape differs.
         WrongTypeError: the mass is no number, traced or not.
     """
-    g = as_array("gravity", gravity, 3)
-    try:
-        return np.concatenate((mass * g, np.zeros(3)))
-    except TypeError:
-        raise WrongTypeError("mass", type(mass).__name__, "float") from None
+    return np.concatenate((_times(mass, as_array("gravity", gravity, 3)), np.zeros(3)))
+
+
+def _times(mass: float, values: Array) -> Array:
+    """Return a mass, traced or not, times numbers; raises WrongTypeError."""
+    with contextlib.suppress(TypeError, ValueError, OverflowError):  # an array of another shape, 10**400
+        if (product := mass * values).shape == values.shape:
+            return product
+    raise WrongTypeError("mass", type(mass).__name__, "float")
 
 
 def spatial_inertia(mass: float, inertia: Array, R_WP: Array) -> Array:
@@ -236,10 +241,11 @@ def spatial_inertia(mass: float, inertia: Array, R_WP: Array) -> Array:
 
     Raises:
         ShapeError: a shape differs.
+        WrongTypeError: the mass is no number, traced or not.
     """
     inertia, R_WP = shaped("inertia", inertia, 3, 3), shaped("R_WP", R_WP, 3, 3)
     M_0 = np.zeros((6, 6))
-    M_0[:3, :3], M_0[3:, 3:] = mass * np.eye(3), R_WP @ inertia @ R_WP.T
+    M_0[:3, :3], M_0[3:, 3:] = _times(mass, np.eye(3)), R_WP @ inertia @ R_WP.T
     return M_0
 
 
@@ -258,5 +264,5 @@ def rotate_vector6(R_AB: Array, vector_B: Array) -> Array:
 
 def norms6(vectors: Array) -> tuple[Array, Array]:
     """Return the norms of the linear and of the angular parts of six-vectors, shape (..., 6)."""
-    x, y, z, rx, ry, rz = np.moveaxis(vectors, -1, 0)
+    x, y, z, rx, ry, rz = np.moveaxis(shaped("vectors", vectors, 6), -1, 0)
     return np.sqrt(x * x + y * y + z * z), np.sqrt(rx * rx + ry * ry + rz * rz)

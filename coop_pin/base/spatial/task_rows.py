@@ -122,13 +122,13 @@ class PlanarRows(TaskRows):
         cosine, sine = X_WP.item(0), X_WP.item(4)
         cosine_d, sine_d = X_WP_d.item(0), X_WP_d.item(4)
         angle = atan2(sine * cosine_d - cosine * sine_d, cosine * cosine_d + sine * sine_d)
-        return np.array((X_WP.item(3) - X_WP_d.item(3), X_WP.item(7) - X_WP_d.item(7), angle))
+        return np.array((X_WP.item(3) - X_WP_d.item(3), X_WP.item(7) - X_WP_d.item(7), angle), like=X_WP)
 
     def turn(self, X_WP: Array, rows_P: Array) -> Array:
         """Return ``[c f_x - s f_y, s f_x + c f_y, n_z]``, shape (3,)."""
         cosine, sine = X_WP.item(0), X_WP.item(4)
         x, y, moment = rows_P.tolist()
-        return np.array((cosine * x - sine * y, sine * x + cosine * y, moment))
+        return np.array((cosine * x - sine * y, sine * x + cosine * y, moment), like=X_WP)
 
     def twist_shift(self, displacement: Array) -> Array:
         """Return the matrix of ``[v_x - w r_y, v_y + w r_x, w]``, shape (3, 3)."""

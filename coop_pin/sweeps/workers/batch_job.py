@@ -27,6 +27,7 @@ from coop_pin.sweeps.workers.job import (
     Job,
     JobRecord,
     Outcome,
+    deadline,
     has_options,
     outcome_of,
     run_job,
@@ -190,10 +191,11 @@ def _warn_once(message: str) -> None:
 
 
 @contextlib.contextmanager
-def _unlocked(is_over: Callable[[], bool]) -> Iterator[Callable[[], None]]:
+def _unlocked(is_over: Callable[[], bool], check: Callable[[int, int], None]) -> Iterator[Callable[[], None]]:
     """Let other threads prepare their batches, while compiled code and numpy run; give what ends it early."""
 
     def end() -> None:
+        check(0, 0)
         if is_over():
             raise CtrlC
 
@@ -209,7 +211,8 @@ def _together(
 ) -> list[Outcome | Way]:
     """Return the outcomes of runs of a family; "pinocchio" for one that breaks a guard, and fails there.
 
-    When a batch cannot start, for example for lack of memory, its halves can; why a run alone cannot is told.
+    When a batch cannot start, for example for lack of memory, or takes longer than the limits of its runs in
+    all, its halves may be able to; why a run alone is not is told.
 
     Args:
         jobs: jobs of the runs.
@@ -223,7 +226,10 @@ def _together(
     start = times()
     try:
         with contextlib.ExitStack() as stack:
-            batch = _simulator.run_prepared([runs], lambda: stack.enter_context(_unlocked(is_over)))
+            check = deadline(jobs[0].time_limit_s * len(jobs))
+            batch = _simulator.run_prepared(
+                [runs], lambda: stack.enter_context(_unlocked(is_over, check)), jobs[0].memory_limit
+            )
             metrics = batch.metrics()
     except TracingError:
         raise

@@ -22,7 +22,7 @@ from coop_pin.base.user_files import printable
 from coop_pin.compiled.engine_choice import EngineChoice, plant_of
 from coop_pin.compiled.engines import Way
 from coop_pin.compiled.kind import pinocchio_reason
-from coop_pin.control.hidden_state import leaks, of_all_runs
+from coop_pin.control.hidden_state import leaks, of_all_runs, unrepeatable
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.results.run_result import RunResult
@@ -220,7 +220,7 @@ class Outcome(NamedTuple):
         record: record of the run.
         result: content of the netCDF file of the full result, if it was requested.
         line: line of the record in the store; empty if its worker has left it to the store.
-        remarks: sentences on what the run has left to the next ones of its process.
+        remarks: sentences on what the run has left to the next ones of its process, or had of the machine.
     """
 
     record: JobRecord
@@ -258,7 +258,7 @@ def run_job(job: Job) -> Outcome:
 
     outcome = outcome_of(job, compute)
     require_unchanged(job.code)  # as it was loaded now
-    return outcome._replace(remarks=leaks(before, code))
+    return outcome._replace(remarks=[*leaks(before, code), *unrepeatable(code)])
 
 
 def separate(scenario: Scenario) -> Scenario:
