@@ -149,7 +149,9 @@ def _with_remedies(
     scenario: Scenario, entries: list[Finding], poses: int, table_error: float
 ) -> list[Finding]:
     """Return findings, each error with the first change that cures it and brings no error of another kind."""
-    errors = {finding.kind: finding for finding in entries if finding.severity == "error"}
+    errors = dict[Kind, Finding]()
+    for finding in (finding for finding in entries if finding.severity == "error"):
+        errors[finding.kind] = max(errors.get(finding.kind, finding), finding, key=lambda each: each.value)
     cures, remedies = list[_Cure](), dict[Kind, Mapping[str, Any]]()
     for kind, finding in errors.items():
         candidates = _candidates(scenario, finding, poses)

@@ -42,7 +42,7 @@ def release_findings(scenario: Scenario) -> Iterator[Finding]:
         }
         if arms and free and plan.borne == 1.0:
             left[f"once {', '.join(arms)} alone hold the payload"] = _part(cell, arms)
-        for when in left.keys() - known:
+        for when in (when for when in left if when not in known):
             for finding in _instabilities(scenario, left[when]):
                 yield finding._replace(place=f"events.{index}", sentence=f"{when}: {finding.sentence}")
         known |= left.keys()
