@@ -39,7 +39,7 @@ from coop_pin.running.cell_findings import (
     torque_findings,
 )
 from coop_pin.running.payload_findings import payload_findings
-from coop_pin.running.plausibility import implausible_numbers
+from coop_pin.running.plausibility import implausible_numbers, tip_forces
 from coop_pin.running.release_findings import release_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -211,8 +211,10 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
             if changes:
                 yield changes
     elif finding.kind == "friction":
-        if finding.value > 0.0:
-            yield _scaled(scenario, MARGIN * finding.limit / finding.value)
+        is_pressed = finding.value > 0.0
+        yield (
+            _scaled(scenario, MARGIN * finding.limit / finding.value) if is_pressed else tip_forces(scenario)
+        )
     elif finding.kind == "table force":
         gain = np.array(gains.sliding_gain)
         parts = (finding.limit / finding.value / _ABOVE, 0.5, 0.25)

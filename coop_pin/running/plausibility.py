@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.schema.base import Description
 from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.schema.pose import Pose
@@ -16,7 +17,9 @@ from coop_pin.base.spatial import inverse_pose, pose_error
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.least_squeeze import with_enough_squeeze
 from coop_pin.model.joint_limits import JointLimits
+from coop_pin.reference.squeeze import TipForceSqueeze
 from coop_pin.results.finding import Finding, Kind
 
 _WHOLE_TURN = 2.0 * np.pi
@@ -26,6 +29,8 @@ _OFF_START = 0.02
 """Distance and angle between the start and the motion's start that count, m and rad."""
 _EPOCH_S = 1e7
 """Times beyond it are likely stamps of a clock, s: a third of a year."""
+_SQUEEZE = 10.0
+"""Proposed squeeze, N."""
 _OUTSIDE_M = 0.01
 """Distance of a tip from the payload's shape that counts: pads and flanges have some, m."""
 _SAME = 1e-5
@@ -239,8 +244,20 @@ def _squeeze(scenario: Scenario) -> Iterator[Finding]:
             )
         if holders > 1 and not np.any(wrenches):
             sentence = "squeeze is zero: the arms do not press the payload, where grasps hold by friction"
-            remedy = {"squeeze.kind": "tip-force", "squeeze.force": 10.0}
-            yield _warning("squeeze", "squeeze", sentence, remedy)
+            yield _warning("squeeze", "squeeze", sentence, tip_forces(scenario))
+
+
+def tip_forces(scenario: Scenario) -> dict[str, Any]:
+    """Return the fields of a squeeze by tip forces, 10 N or what patches need with a margin.
+
+    Args:
+        scenario: a scenario without a squeeze.
+    """
+    force = _SQUEEZE
+    with contextlib.suppress(InfeasibleMotionError):
+        squeeze = with_enough_squeeze(scenario)[0].squeeze
+        force = max(force, float(np.ceil(squeeze.force))) if isinstance(squeeze, TipForceSqueeze) else force
+    return {"squeeze.kind": "tip-force", "squeeze.force": force}
 
 
 def _warning(kind: Kind, field: str, sentence: str, remedy: Mapping[str, Any] | None = None) -> Finding:

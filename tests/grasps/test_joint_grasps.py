@@ -561,3 +561,9 @@ def test_struts_beside_joints_are_those_of_the_internal_wrench():
         result = cp.run(name, {"duration": 0.1, "events": []}, warn=False)
         struts, _ = strut_columns(run_samples(result), result.scenario.cell)
         assert_allclose(struts[:, 0, 0, 0], result.data.internal_axial.values[:, 0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "meant"), [("hnge", "hinge"), ("patc", "patch"), ("rigd", "rigid")])
+def test_a_kind_of_grasp_that_there_is_not_is_answered_with_the_nearest(kind, meant):
+    with pytest.raises(FieldError, match=f"{kind}.*{meant}"):
+        cp.Scenario.load("two-pandas-box", {"cell.grasps.left.kind": kind})

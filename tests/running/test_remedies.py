@@ -43,6 +43,10 @@ def on_pads():
     return scenario.replace(squeeze=scenario.squeeze.scaled(0.3)).override({"cell.pads": pads})
 
 
+def palms():
+    return cp.Scenario.load("two-pandas-palms", {"events": []})
+
+
 def in_degrees(folder):
     """A planar cell whose first posture is in degrees."""
     scenario = cp.suggest(drawn(folder, 1, "rigid", 2), poses=5).scenario
@@ -63,6 +67,15 @@ CASES = {
     ),
     "grasp, spatial": lambda _: (turned_grasp(), "reach", "error"),
     "pads, planar": lambda _: (on_pads(), "friction", "error"),
+    **{
+        f"{kind} without a squeeze, {name}": lambda _, cell=cell, kind=kind, severity=severity: (
+            cell().replace(squeeze={}),
+            kind,
+            severity,
+        )
+        for name, cell in (("planar", on_pads), ("spatial", palms))
+        for kind, severity in (("squeeze", "warning"), ("friction", "error"))
+    },
     "posture, planar": lambda folder: (in_degrees(folder), "posture", "warning"),
     **{
         f"{command}, {kind}": lambda _, kind=kind, command=command, name=name: (

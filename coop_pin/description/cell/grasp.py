@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, field_validator
 
 from coop_pin.base.arrays import Array, as_array, as_pose, require_type
-from coop_pin.base.errors import FieldError, NameNotFoundError, OutOfRangeError
+from coop_pin.base.errors import FieldError, NameNotFoundError, OutOfRangeError, suggestion
 from coop_pin.base.schema.base import Positive, Vector3, Vector6, by_name, not_negative, positive
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
@@ -174,6 +174,7 @@ class ToolTip(Pose):
 _KINDS = {
     "tool": "tool",
     "patch": "patch",
+    "compliant": "compliant",
     "hinge": "joint",
     "ball": "joint",
     "cylinder": "joint",
@@ -188,6 +189,14 @@ def _kind(value: Any) -> str:
     return _KINDS.get(kind, "compliant") if isinstance(kind, str) and kind else "rigid"
 
 
+def _known(value: Any) -> Any:
+    """Return a grasp whose kind, if it is a word, there is."""
+    kind = value.get("kind", "") if isinstance(value, dict) else ""
+    if isinstance(kind, str) and kind and kind not in _KINDS:
+        raise FieldError(f"is {kind!r}; {suggestion(kind, _KINDS)}", "kind")
+    return value
+
+
 Grasp = Annotated[
     Annotated[Pose, Tag("rigid")]
     | Annotated[LinkGrasp, Tag("link")]
@@ -196,6 +205,7 @@ Grasp = Annotated[
     | Annotated[CompliantGrasp, Tag("compliant")]
     | Annotated[PatchGrasp, Tag("patch")],
     Discriminator(_kind),
+    BeforeValidator(_known),
 ]
 """Pose X_PE of a rigid grasp, the same on a named link, a joint, a compliant grasp, a patch, or a tool."""
 
