@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.errors import TracingError
+from coop_pin.base.errors import CoopPinError, TracingError
 from coop_pin.base.loaded_code import loads
 from coop_pin.base.schema.user_code import load_function
 from coop_pin.base.source_code import file_digest, source_files
@@ -173,7 +173,10 @@ def require_no_outside(targets: Iterable[str]) -> None:
 
 def unrepeatable(targets: Iterable[str]) -> list[str]:
     """Return a sentence on each clock and each generator without a seed that functions of laws name."""
-    kinds = [kind for target in targets for kind in users_kinds(load_function(target, {}))]
+    kinds = list[Any]()
+    for target in targets:
+        with contextlib.suppress(CoopPinError):  # code that is not there: the run has told it
+            kinds += users_kinds(load_function(target, {}))
     used = {
         name: _UNREPEATABLE[home]
         for kind in kinds

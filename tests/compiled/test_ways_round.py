@@ -44,8 +44,7 @@ WAYS = {
     "e[0] ** 3": "e[0] * e[0] * e[0]",
     "np.log10(2.0 + e[0])": "np.log(2.0 + e[0]) / np.log(10.0)",
     "np.round(e[0], 3)": "np.round(1000 * e[0]) / 1000",
-    "np.any(e > 0) * 1.0": "np.where((e[0] > 0) | (e[1] > 0) | (e[2] > 0), 1.0, 0.0)",
-    "np.sin(e)": "np.sin(np.stack([*e]))",
+    "np.any([e[0] > 0, e[1] > 0]) * 1.0": "np.where((e[0] > 0) | (e[1] > 0), 1.0, 0.0)",
     "float(e[0])": "np.stack([e[0], 0.0, 0.0])[0]",
 }
 """What is refused, and what has the same value in its place."""
