@@ -19,7 +19,6 @@ from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.least_squeeze import with_enough_squeeze
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.reference.squeeze import TipForceSqueeze
 from coop_pin.results.finding import Finding, Kind
 
 _WHOLE_TURN = 2.0 * np.pi
@@ -255,8 +254,8 @@ def tip_forces(scenario: Scenario) -> dict[str, Any]:
     """
     force = _SQUEEZE
     with contextlib.suppress(InfeasibleMotionError):
-        squeeze = with_enough_squeeze(scenario)[0].squeeze
-        force = max(force, float(np.ceil(squeeze.force))) if isinstance(squeeze, TipForceSqueeze) else force
+        squeeze: Any = with_enough_squeeze(scenario)[0].squeeze
+        force = max(force, float(np.ceil(squeeze.force))) if squeeze.kind == "tip-force" else force
     return {"squeeze.kind": "tip-force", "squeeze.force": force}
 
 

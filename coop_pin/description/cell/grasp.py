@@ -193,7 +193,7 @@ def _known(value: Any) -> Any:
     """Return a grasp whose kind, if it is a word, there is."""
     kind = value.get("kind", "") if isinstance(value, dict) else ""
     if isinstance(kind, str) and kind and kind not in _KINDS:
-        raise FieldError(f"is {kind!r}; {suggestion(kind, _KINDS)}", "kind")
+        raise FieldError(f"is {kind!r}; {suggestion(kind, [*_KINDS])}", "kind")
     return value
 
 
