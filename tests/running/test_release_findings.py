@@ -45,3 +45,11 @@ def test_hand_overs_of_the_catalogue_leave_stable_arms():
     assert len(scenarios) >= 2
     for scenario in scenarios:
         assert not [*release_findings(scenario)]
+
+
+def test_cells_with_pads_idle_arms_or_a_tool_are_looked_at_without_an_error():
+    pads = {arm: {"mu": 0.9, "radius": 0.02, "press": "x"} for arm in ("left", "right")}
+    shares = {"left": 0.0, "right": 1.0}
+    for changes in ({"cell.pads": pads}, {"cell.load_shares": shares}):
+        assert [*release_findings(hand_over("adept-anchored").override(changes))]
+    assert not [*release_findings(cp.Scenario.load("two-ur5-admittance"))]

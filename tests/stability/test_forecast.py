@@ -68,6 +68,15 @@ def test_a_forecast_is_that_of_the_run(tmp_path, kind, number):
 
 
 @pytest.mark.slow
+def test_the_anchor_of_a_proposal_on_stiff_springs_leaves_spare_joints_stable(tmp_path):
+    """The springs' own loop decays with g = 0.05 (0.9988), the whole tick grew by 1.21 with a spare joint."""
+    suggestion = cp.suggest(drawn(tmp_path, 20261208, "compliant", 8), poses=21)
+    assert suggestion.scenario.controller.gains.anchor_gain < 0.05
+    assert cp.stability.eigenvalues(suggestion.scenario).radius < 1.0
+    assert not misses(suggestion.forecast, suggestion.scenario)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_sixty_forecasts_are_those_of_runs(tmp_path, kind):
     """Of 20 cells at least 16 are covered, and nine in ten of these within a factor of two throughout."""
