@@ -285,16 +285,12 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
             detail = f"is {other.time:g} s, as that of another grasp event; let one come a tick later"
             problems.append(FieldError(detail, f"{path}.time"))
     for event, path in at_grasps:
-        if event.arm not in holding:
-            continue
         if event.time < since.get(event.arm, 0.0):
             detail = f"is {event.time:g} s, but the event before it at {event.arm!r} ends at"
             problems.append(FieldError(f"{detail} {since[event.arm]:g} s", f"{path}.time"))
         begins = event.time - event.wait - event.approach_time if isinstance(event, Regrasp) else math.inf
         if round(begins - (back := retreated.get(event.arm, -math.inf)), 9) < 0.0:
-            detail = (
-                f"is {event.time:g} s, so the approach begins at {begins:g} s, before the retreat ends at"
-            )
+            detail = f"is {event.time:g} s: its approach begins at {begins:g} s, before the retreat ends at"
             problems.append(FieldError(f"{detail} {back:g} s", f"{path}.time"))
         if isinstance(event, Release) and event.retreat:
             retreated[event.arm] = event.instant + event.retreat_time
@@ -311,6 +307,9 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
         if not any(holding.values()) and event.time < laid:
             detail = f"is {event.arm!r}, the last arm that holds the payload"
             problems.append(FieldError(f"{detail}: one must hold it until it is put down", f"{path}.arm"))
+        if (left := [arm for arm in holding if holding[arm]]) and not sum(map(cell.share, left)):
+            detail = f"is {event.arm!r}, after which the load share of {', '.join(left)} is 0: give one"
+            problems.append(FieldError(detail, f"{path}.arm"))
     return problems
 
 

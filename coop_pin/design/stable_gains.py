@@ -13,6 +13,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import ArgumentError, DivergedError, InfeasibleMotionError
 from coop_pin.control.laws.payload_space import SLIP_GUARD, PayloadSpace
 from coop_pin.description.scenario import Scenario
+from coop_pin.design.grasp_gains import with_steps
 from coop_pin.design.own_inertia import own_inertia_proposal
 from coop_pin.design.posture_gains import rounded_down
 from coop_pin.design.tuning_rule import GainProposal, force_path_of, gain_proposal
@@ -127,7 +128,7 @@ def _held(
             and loop.spare_rate >= _SPARE_RATE
             and _spare_angle(suggested, cell_reach, proposal) < _AWAY
         ):
-            return (*_stable_on_springs(proposal, suggested), loop)
+            return (*_stable_on_springs(proposal, suggested, cell_reach), loop)
         tried = float(np.max(proposal.posture.stiffness))
         is_held = tried < stiffness  # on positional rows the drives hold no stiffer one
         stiffness = max(_SOFTEST, 2.0 * tried)
@@ -139,7 +140,9 @@ def _held(
             raise InfeasibleMotionError("stability", detail)
 
 
-def _stable_on_springs(proposal: GainProposal, scenario: Scenario) -> tuple[GainProposal, Scenario]:
+def _stable_on_springs(
+    proposal: GainProposal, scenario: Scenario, cell_reach: Reachability
+) -> tuple[GainProposal, Scenario]:
     """Return them with g lowered until the sampled loop of springs, arms and law is stable.
 
     Raises:
@@ -149,7 +152,7 @@ def _stable_on_springs(proposal: GainProposal, scenario: Scenario) -> tuple[Gain
         stability = grasp_stability(Simulation(scenario, build_controller(scenario)))
         g = proposal.gains.anchor_gain
         is_least = proposal.law is None or g < _LEAST_ANCHOR
-        if stability.ok and (is_least or _decays(scenario)):
+        if stability.ok and (is_least or _decays(with_steps(scenario, cell_reach))):
             break
         if is_least:
             raise InfeasibleMotionError("stability", stability.summary().partition("\n")[0])

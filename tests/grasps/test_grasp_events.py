@@ -426,6 +426,17 @@ def test_events_at_welded_grasps_are_refused_by_name():
     assert caught.value.path == "plant.payload"
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_arm_without_a_load_share_does_not_hold_alone(name):
+    """Its part of the load would be 0 / 0."""
+    shares = {"cell.load_shares": {"left": 0.0, "right": 1.0}}
+    with pytest.raises(FieldError) as caught:
+        scenario_with(name, CYCLE[0], **shares)
+    assert caught.value.path == "events.0.arm"
+    kept = scenario_with(name, CYCLE[0].replace(arm="left"), CYCLE[1].replace(arm="left"), **shares)
+    assert kept.grasp_plan_at(0.05).carried.tolist() == [0.0, 1.0]
+
+
 @pytest.mark.parametrize("fields", [{"retreat": -1.0}, {"retreat_time": 0.0}, {"time": math.nan}, {"arm": 3}])
 def test_bad_fields_are_refused(fields):
     with pytest.raises(FieldError):

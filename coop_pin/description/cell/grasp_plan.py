@@ -91,7 +91,7 @@ def grasp_plan(
         for away, back in itertools.zip_longest(mine[::2], mine[1::2]):
             retreats[index] += _retreat(away, back, time)
     shares = loads * cell.shares
-    if loads.any():
+    if shares.any():
         shares = shares / shares.sum()
     borne = min((event.borne(time) for event in events), default=1.0)
     linkage = _linkage(cell, loads) if cell.splits_load or split == "virtual-linkage" else None
