@@ -36,6 +36,7 @@ def run_ticks(name: str, changes: list[str]) -> None:
     simulation = cp.Simulation(scenario, build_controller(scenario))
     for _ in range(WARM):
         simulation.tick()
+    simulation.recorder.observe()
     gc.collect()
     gc.disable()
     _callgrind("on")

@@ -28,6 +28,16 @@ class CellDynamics(CellKinematics):
         return self.model.model.createData()
 
     @cached_property
+    def _has_elements(self) -> bool:
+        """Whether springs or contacts act."""
+        return bool(self.springs.arms) or len(self.patches) > 0
+
+    @cached_property
+    def _has_stops(self) -> bool:
+        """Whether joints have end stops."""
+        return bool(self.stops)
+
+    @cached_property
     def _has_tools(self) -> bool:
         return bool(self.cell.tools)
 
@@ -140,9 +150,12 @@ class CellDynamics(CellKinematics):
         kinetic, potential = frames.energies()
         wrenches = self._wrenches(self.mechanism.solver.forces, push, *elements)
         quantities = payload_quantities(payload)
-        quantities |= {"kinetic_energy": kinetic, "potential_energy": potential}
-        quantities |= {"tip_position": frames.tip_positions(), "interaction_wrench": wrenches}
-        quantities |= self._of_elements(*elements) | self.stops.quantities(q, v)
+        quantities["kinetic_energy"], quantities["potential_energy"] = kinetic, potential
+        quantities["tip_position"], quantities["interaction_wrench"] = frames.tip_positions(), wrenches
+        if self._has_elements:
+            quantities |= self._of_elements(*elements)
+        if self._has_stops:
+            quantities |= self.stops.quantities(q, v)
         if self.joints is not None:
             quantities |= self.joints.quantities(q, v)
         if self.model.shared:

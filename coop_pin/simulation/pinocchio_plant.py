@@ -170,9 +170,9 @@ class PinocchioPlant:
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return what is recorded of n states in the present surroundings, as of Plant."""
         tau = force + self.resistance(q, v)
-        states = list(zip(q, v, time.tolist(), strict=True))
-        wrenches = np.array([self.payload_wrench(*state) for state in states])
+        states, wrenches = list(zip(q, v, time.tolist(), strict=True)), np.zeros((len(q), 6))
         if self._pushed:
+            wrenches = np.array([self.payload_wrench(*state) for state in states])
             jacobians = map(self.chain.payload_jacobian, q)
             tau += np.array([J.T.dot(F) for J, F in zip(jacobians, wrenches, strict=True)])
         observation = self.chain.observe(q, v, tau, wrenches)
