@@ -1,5 +1,7 @@
 """Places of the arms of new cells: margins as a run counts them, five joints, options of robots."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -15,8 +17,11 @@ from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.design.named_arms import RobotFiles, named_arms
 from coop_pin.design.new_cell import new_cell
 from coop_pin.design.placing.drafts import searches
-from coop_pin.feasibility import reachability
+from coop_pin.design.placing.workspace import common_places
+from coop_pin.feasibility import maximum_reach, reachability
+from coop_pin.feasibility.motion_feasibility import joint_heights
 from coop_pin.feasibility.task_inertia import HeldArm
+from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_arm import CellArm
 
 ROBOTS = {"planar": "adept_3dof", "spatial": "ur5", "five joints": "so100"}
@@ -113,3 +118,45 @@ def test_a_base_turns_the_way_that_its_arm_reaches_to_the_payload(robot, turn):
     left, right = searches(named, cp.Payload.box(1.0, (0.2, 0.2, 0.1)), "sides", "facing")
     assert_allclose(left.base(0.5, 0.2, None).rpy[2], turn, atol=1e-6)
     assert_allclose(np.cos(right.base(0.5, 0.2, None).rpy[2] - turn), -1.0, atol=1e-9)
+
+
+def place_of(robots, side):
+    """The arms, and the first workspace of them around a box."""
+    named = named_arms(robots, (), RobotFiles())
+    payload = cp.Payload.box(1.0, (0.4, 0.3, 0.2))
+    return named, next(common_places(searches(named, payload, side, "facing"), payload, None))
+
+
+def test_arms_that_hang_have_raised_bases_and_others_stand_on_the_ground():
+    """The tips of an arm of TALOS just reach down to the ground, and joints stay above it."""
+    named, workspace = place_of(["talos_arm", "panda"], "above")
+    left, right = workspace.places
+    model = ArmModel(named["left"].replace(base=left.base), name="left")
+    tips = [model.tip_pose(q)[2, 3] for q in model.limits.random_configurations(200)]
+    assert min(tips) == pytest.approx(0.0, abs=0.01)
+    assert left.base.xyz[2] > 0.4
+    assert right.base.xyz[2] == 0.0
+    assert min(joint_heights(model, np.array(left.posture)).values()) >= -left.base.xyz[2]
+    assert workspace.height > 0.15
+
+
+def test_a_payload_is_looked_for_where_arms_on_columns_reach(tmp_path):
+    """A column of 1.4 m in the file of the robot."""
+    tree = ElementTree.ElementTree(ElementTree.fromstring(load_checked(find_urdf("ur5"))))
+    ElementTree.SubElement(tree.getroot(), "link", name="column")
+    joint = ElementTree.SubElement(tree.getroot(), "joint", name="mount", type="fixed")
+    ElementTree.SubElement(joint, "parent", link="column")
+    ElementTree.SubElement(joint, "child", link="world")
+    ElementTree.SubElement(joint, "origin", xyz="0 0 1.4")
+    tree.write(tmp_path / "high.urdf")
+    named, workspace = place_of([tmp_path / "high.urdf"] * 2, "sides")
+    assert workspace.height > 1.4 - maximum_reach(named["left"])
+    assert [place.base.xyz[2] for place in workspace.places] == [0.0, 0.0]
+
+
+@pytest.mark.gate
+def test_a_new_cell_says_which_bases_it_raised():
+    suggestion = new_cell(["talos_arm"] * 2)
+    height = suggestion.scenario.cell.arms["left"].base.xyz[2]
+    assert any(f"left by {height:g} m, right by {height:g} m" in change for change in suggestion.changes)
+    assert suggestion.findings().ok

@@ -118,6 +118,9 @@ def _draft(
     start = Pose(xyz=(0.0, 0.0, height))
     by_arm = dict(zip(cell.arms, places, strict=True))
     motions = calmer_motions(motion, start, stroke, 0.0 if cell.rows == "planar" else 0.6 * stroke)
+    stands = {arm: at.base.xyz[2] for arm, at in by_arm.items() if robot is None and cell.rows == "full"}
+    raised = ", ".join(f"{arm} by {z:g} m" for arm, z in stands.items() if z > 0.0)
+    remark = "; ".join(filter(None, [remark, raised and f"bases RAISED above the ground: {raised}"]))
     robots = ", ".join(dict.fromkeys(Path(arm.urdf).stem for arm in cell.arms.values()))
     scenario = Scenario.draft(
         name=name,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import pinocchio as pin
@@ -84,6 +85,8 @@ class ArmPlacement:
         is_hinged: whether it has five joints: a hinge across the tool frees the turn that it lacks.
         plane: height of the tip above the base at zero joint angles, m.
         slides: names of its prismatic joints.
+        tip_heights: least and largest height of the tip above the base, m.
+        stand: height of its base above the ground, m.
         shoulders: shoulders of the robot that the arm belongs to; None of an arm with a base of its own.
     """
 
@@ -120,7 +123,9 @@ class ArmPlacement:
         self.is_hinged = model.nv == _HINGED and not self.is_planar
         across = np.eye(3)[2] if abs(contact.approach[2]) < 0.5 else self._direction
         R_WE = triad(contact.approach, across) @ triad(tool, np.eye(3)[np.abs(tool).argmin()]).T
-        self._facing = 0.0 if self.is_planar else _facing(model)
+        tips = np.array([model.tip_pose(q)[:3, 3] for q in model.limits.random_configurations(_SAMPLES)])
+        self.tip_heights, self.stand = (float(tips[:, 2].min()), float(tips[:, 2].max())), 0.0
+        self._facing = 0.0 if self.is_planar else _facing(tips[:, :2])
         self.holds = [self._hold(exp3(roll * contact.approach) @ R_WE, across) for roll in _ROLLS]
         self._rows = task_rows("planar" if self.is_planar else "full")
 
@@ -140,6 +145,12 @@ class ArmPlacement:
         """Distances of the base from the payload's centre that are tried, m."""
         parts = _SHOULDER_DISTANCES if self._contact.one_base else _DISTANCES
         return [self._offset + part * self.reach for part in parts]
+
+    def raised(self) -> Self:
+        """Return the search with a base so high that the tip just reaches down to the ground."""
+        search = copy.copy(self)
+        search.stand = round(max(0.0, -self.tip_heights[0]), 2)
+        return search
 
     def best(
         self, height: float, stroke: float, distances: Sequence[float], origin: Shoulders | None = None
@@ -171,7 +182,7 @@ class ArmPlacement:
             turn = round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6)
             return Pose(xyz=(x, y, -origin.floor), rpy=(0.0, 0.0, turn))
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
-        z = height - self.plane if self.is_planar else 0.0
+        z = height - self.plane if self.is_planar else self.stand
         aim = self._contact.point
         yaw = float(np.arctan2(aim[1] - y, aim[0] - x)) - self._facing
         turn = round(float(np.pi - np.remainder(np.pi - yaw, 2 * np.pi)), 6)
@@ -200,7 +211,7 @@ class ArmPlacement:
         q = self._model.limits.wrap_near(solution.q, seed)
         holds = solution.is_closed and self._model.limits.margin(q) > _IN_RANGE
         if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
-            holds = min(joint_heights(self._model, q).values()) >= 0.0
+            holds = min(joint_heights(self._model, q).values()) >= -self.stand
         return q, self.margin(q, X_BP, hold) if holds else -np.inf
 
     def margin(self, q: Array, X_BP: Array, hold: Hold) -> float:
@@ -222,9 +233,12 @@ class ArmPlacement:
         return min(1.0 - used, model.limits.margin(q), 1.0 - condition / _CONDITION)
 
 
-def _facing(model: ArmModel) -> float:
-    """Return the direction in base axes, to a quarter turn, to which an arm that does not turn reaches."""
-    tips = np.array([model.tip_pose(q)[:2, 3] for q in model.limits.random_configurations(_SAMPLES)])
+def _facing(tips: Array) -> float:
+    """Return the direction in base axes, to a quarter turn, to which an arm that does not turn reaches.
+
+    Args:
+        tips: places of its tip in the ground plane, m, shape (n, 2).
+    """
     x, y = tips.mean(axis=0)
     if np.hypot(x, y) < _ONE_WAY * np.linalg.norm(tips, axis=1).mean():
         return 0.0
