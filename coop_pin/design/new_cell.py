@@ -69,13 +69,13 @@ def new_cell(
 ) -> Suggestion:
     """Return a scenario of arms that carry a payload, ready to run, and what limits its gains.
 
-    The bases stand upright around the payload, on one ground. Each is where its arm has the largest margins
-    of torque, joint range and condition number, at the start and a tenth of the least reach around it. The
-    motion stays within that range; rate, gains, postures and steps are those of ``cp.suggest``. Arms that
-    move in a horizontal plane hold the payload in that plane. Joints stay above the ground, and arms, payload
-    and torso apart by the clearance, where they can, and it is told where not. Arms of one robot keep their
-    common base, and joints that move several of them are locked. An arm of five joints holds by a hinge,
-    whose turn it lacks.
+    The bases stand upright around the payload, on one ground; those of arms that hang are raised. Each is
+    where its arm has the largest margins of torque, joint range and condition number, at the start and a
+    tenth of the least reach around it. The motion stays within that range; rate, gains, postures and steps
+    are those of ``cp.suggest``. Arms that move in a horizontal plane hold the payload in that plane. Joints
+    stay above the ground, and arms, payload and torso apart by the clearance, where they can, and it is told
+    where not. Arms of one robot keep their common base, and joints that move several of them are locked. An
+    arm of five joints holds by a hinge, whose turn it lacks.
 
     Args:
         arms: two or more, or one robot with two: names of robots, URDF or xacro files, or arms, whose bases

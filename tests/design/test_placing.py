@@ -1,5 +1,6 @@
 """Places of the arms of new cells: margins as a run counts them, five joints, options of robots."""
 
+import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -120,11 +121,11 @@ def test_a_base_turns_the_way_that_its_arm_reaches_to_the_payload(robot, turn):
     assert_allclose(np.cos(right.base(0.5, 0.2, None).rpy[2] - turn), -1.0, atol=1e-9)
 
 
-def place_of(robots, side):
+def place_of(robots, side, distance=None):
     """The arms, and the first workspace of them around a box."""
     named = named_arms(robots, (), RobotFiles())
     payload = cp.Payload.box(1.0, (0.4, 0.3, 0.2))
-    return named, next(common_places(searches(named, payload, side, "facing"), payload, None))
+    return named, next(common_places(searches(named, payload, side, "facing"), payload, distance))
 
 
 def test_arms_that_hang_have_raised_bases_and_others_stand_on_the_ground():
@@ -152,6 +153,24 @@ def test_a_payload_is_looked_for_where_arms_on_columns_reach(tmp_path):
     named, workspace = place_of([tmp_path / "high.urdf"] * 2, "sides")
     assert workspace.height > 1.4 - maximum_reach(named["left"])
     assert [place.base.xyz[2] for place in workspace.places] == [0.0, 0.0]
+
+
+def test_an_arm_that_nowhere_holds_itself_is_refused_by_its_drive(tmp_path):
+    """A UR5 with a thousandth of its efforts: more than its weight asks of a thousand times as much."""
+    text = load_checked(find_urdf("ur5"))
+    weak = re.sub(r'effort="([0-9.]+)"', lambda found: f'effort="{float(found[1]) / 1000.0}"', text)
+    (tmp_path / "weak.urdf").write_text(weak)
+    with pytest.raises(InfeasibleMotionError) as caught:
+        place_of([tmp_path / "weak.urdf"] * 2, "sides", 1.1)
+    assert caught.value.cause == "torque"
+    payload = cp.Payload.box(1.0, (0.4, 0.3, 0.2))
+    strong, weak = (
+        searches(named_arms([robot] * 2, (), RobotFiles()), payload, "sides", "facing")[0].own_weight()
+        for robot in ("ur5", tmp_path / "weak.urdf")
+    )
+    assert weak[0] == pytest.approx(1000.0 * strong[0], rel=1e-6)
+    assert weak[1] == strong[1]
+    assert strong[0] < 0.01 < 1.0 < weak[0]
 
 
 @pytest.mark.gate

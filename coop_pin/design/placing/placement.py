@@ -146,6 +146,16 @@ class ArmPlacement:
         parts = _SHOULDER_DISTANCES if self._contact.one_base else _DISTANCES
         return [self._offset + part * self.reach for part in parts]
 
+    def own_weight(self) -> tuple[float, str]:
+        """Return the part of a drive's torque that holds the arm alone where it is least, and its joint."""
+        model, limits = self._model, self._model.limits
+        rest, postures = np.zeros(model.nv), limits.random_configurations(_SAMPLES)
+        torques = np.array([model.nonlinear_effects(q, rest) @ model.from_drive for q in postures])
+        parts = np.abs(torques / limits.torque)
+        best = int(parts.max(axis=1).argmin())
+        worst = int(parts[best].argmax())
+        return float(parts[best, worst]), limits.joints.names[worst]
+
     def raised(self) -> Self:
         """Return the search with a base so high that the tip just reaches down to the ground."""
         search = copy.copy(self)

@@ -63,7 +63,8 @@ def common_places(
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
 
     Raises:
-        InfeasibleMotionError: cause "reach": the bases are too far away, or there is no common workspace.
+        InfeasibleMotionError: cause "reach": the bases are too far away, or there is no common workspace;
+            cause "torque": and an arm cannot hold itself.
     """
     shortest = min(arms, key=lambda arm: arm.farthest)
     if distance and distance > shortest.farthest:
@@ -89,7 +90,20 @@ def common_places(
         tried += looked
         yield from _common(looked, stroke)
     if not _common(tried, stroke):
+        _require_strength(arms)
         raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
+
+
+def _require_strength(arms: Sequence[ArmPlacement]) -> None:
+    """Raise InfeasibleMotionError if an arm cannot hold its own weight in any posture."""
+    for arm in arms:
+        part, joint = arm.own_weight()
+        if part > 1.0:
+            detail = (
+                f"{arm.name}: its own weight needs {part:.3g} times the torque limit of {joint} where it is"
+                " least; state the effort that its drives have in its file"
+            )
+            raise InfeasibleMotionError("torque", detail)
 
 
 def _usual_heights(
