@@ -63,7 +63,7 @@ TESTS = {
     "environment": "stepping",
     "feasibility": "friction_margins suggestion",
     "figures": "comparison_figures sweep_figures",
-    "grasps": "",
+    "grasps": "inverse_dynamics",
     "identification": "",
     "logs": "",
     "model": "",
