@@ -73,7 +73,7 @@ TESTS = {
     "results": "internal_wrench_definitions user_files",
     "running": "",
     "simulation": "batch_sensing grasp_events reference_plant",
-    "stability": "network",
+    "stability": "compliant_grasps network servo",
     "sweeps": "",
     "tracing": "batch batch_laws c_export sweep_batch",
     "viz": "",

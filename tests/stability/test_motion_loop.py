@@ -10,7 +10,7 @@ from coop_pin.stability.motion_loop import MotionLoop
 
 FILTERED = {"controller.force_path": {"kind": "low-pass", "pole": 0.3}, "controller.gains.force_gain": 0.5}
 LATE = {"controller.force_path": {"kind": "late", "delay": 2}}
-LEAKY = {"controller.force_path": {"kind": "none"}, "controller.gains.leak": 2.0}
+LEAKY = {"controller.force_path": {"kind": "none"}, "controller.gains.leak": 20.0}
 KNOWN = {"controller.zero_at_grasp": True, "controller.knows_deflection": True}
 SHORT = {"duration": 0.3, "motion.start_time": 0.02, "motion.duration": 0.2}
 QUICK = {"duration": 0.15, "motion.start_time": 0.02, "motion.duration": 0.1}

@@ -11,7 +11,7 @@ from close import assert_close
 from damping import damping_and_inertia
 from numpy.testing import assert_allclose
 from random_cells import random_cell
-from scipy.linalg import eigvalsh
+from scipy.linalg import eigvalsh, expm
 
 import coop_pin as cp
 from coop_pin.base.errors import CoopPinError, DivergedError, ScenarioWarning
@@ -30,6 +30,7 @@ from coop_pin.stability import (
     sampled_stability,
     step_stability,
 )
+from coop_pin.stability.sampled_motion import tick_matrix
 from coop_pin.stability.sampled_stability import delayed_factor
 from coop_pin.stability.step_stability import REAL_STABILITY
 
@@ -457,6 +458,36 @@ def test_at_a_fast_rate_its_modes_are_those_of_continuous_time(cell, lag):
     found = loop_of(scenario)
     assert_allclose(2e4 * np.log(found.radius), slowest, rtol=0.01, atol=0.003)
     assert found.ok == (slowest < 0.0)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_lags_beyond_a_second_are_not_looked_at(cell):
+    """s^2 lag + s + lambda decays with any lag; of gamma = 0.1 and no integral."""
+    gains = {"controller.gains.pose_gain": 0.1, "controller.gains.sign_gain": 0.0}
+    scenario = pushed(cell, 0.0).override(gains | {"cell.gravity": [0.0, 0.0, 0.0]})
+    assert loop_of(scenario).largest_lag == 1.0
+
+
+@pytest.mark.parametrize("lag", [0.0, 2e-3, 0.1])
+def test_a_tick_with_a_lag_is_that_of_a_matrix_exponential(lag):
+    """y' = w, w' = b, lag b' = u - b, with u held; the integral in what H reaches, and an estimate."""
+    n, T, rng = 3, 0.01, np.random.default_rng(7)
+    G, velocity = rng.normal(size=(n, 2 * n)), rng.normal(size=(2, 3))
+    U = np.linalg.qr(rng.normal(size=(n, 2)))[0]
+    H = U @ rng.normal(size=(2, 2 * n))
+    tick = tick_matrix(G, H, T, lag=lag, velocity=velocity)
+    reached = np.linalg.svd(H)[0][:, :2]
+    y, w, b, h, e = np.split(x := rng.normal(size=4 * n + 2), np.cumsum((n, n, n, 2)))
+    seen = np.stack((y, w, e))
+    measured = np.concatenate((y, velocity[0] @ seen))
+    u = G @ measured + reached @ h
+    flow = np.zeros((4, 4))
+    flow[0, 1] = flow[1, 2] = 1.0
+    if lag:
+        flow[2] = (0.0, 0.0, -1.0 / lag, 1.0 / lag)
+    moved = expm(T * flow) @ np.stack((y, w, b if lag else u, u))
+    expected = (*moved[:2], moved[2] if lag else u, h + reached.T @ H @ measured, velocity[1] @ seen)
+    assert_allclose(tick @ x, np.concatenate(expected), rtol=0, atol=1e-12)
 
 
 def test_sgn_has_no_linear_integral_and_check_says_the_lag(tmp_path, capsys):

@@ -1,0 +1,63 @@
+"""Grasps that give: limits of the plant's steps, and stable ranges of the stiffness by known radii."""
+
+import math
+
+import numpy as np
+import pytest
+from cells import SCENARIOS
+from compliant_cells import anchored, with_grasps
+from numpy.testing import assert_allclose
+
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.stability import grasp_stability, step_stability
+from coop_pin.stability.grasp_stability import _GraspLoop
+from coop_pin.stability.step_stability import plant_matrix
+
+
+def on_springs(name):
+    scenario = with_grasps(anchored(name), "paper")
+    return Simulation(scenario, build_controller(scenario))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_step_limit_is_where_a_root_of_runge_kutta_leaves_the_unit_circle(name):
+    """|R(h s)|^2 = 1 with R(x) = 1 + x + x^2/2 + x^3/6 + x^4/24, as roots of a polynomial in h."""
+    simulation = on_springs(name)
+    found, clock = step_stability(simulation), simulation.scenario.clock
+    A, _ = plant_matrix(simulation.chain, simulation.plant.q)
+    h, uses = clock.period / clock.steps_per_tick, []
+    for s in np.linalg.eigvals(A):
+        if abs(s) < 1.0:  # of rest
+            continue
+        R = np.array([s**4 / 24.0, s**3 / 6.0, s**2 / 2.0, s, 1.0])
+        edges = np.roots(np.polysub(np.polymul(R, R.conj()).real, [1.0]))
+        at = min(root.real for root in edges if abs(root.imag) < 1e-7 * abs(root) and root.real > 1e-9)
+        uses.append((h / at, h * abs(s), at * abs(s)))
+    use, value, limit = max(uses)
+    assert_allclose(found.value / found.limit, use, rtol=1e-3)
+    assert_allclose((found.value, found.limit), (value, limit), rtol=1e-3)
+
+
+def test_stable_ranges_of_the_stiffness_are_those_of_its_radii(monkeypatch):
+    """Holds from the last edge on; of the ranges below it the widest by its ratio."""
+    simulation, ranges = on_springs("planar"), ((1.5, 2.5), (5.0, 40.0), (60.0, math.inf))
+
+    def radius(_loop, factor):
+        return 0.99 if any(low < factor < high for low, high in ranges) else 1.01
+
+    monkeypatch.setattr(_GraspLoop, "radius", radius)
+    found = grasp_stability(simulation)
+    assert (found.ok, found.radius) == (False, 1.01)
+    assert_allclose(found.holds_from, 60.0, rtol=2e-3)
+    assert_allclose(found.window, (5.0, 40.0), rtol=2e-3)
+    ranges = ((0.5, 3.0), (4.0, 5e4))  # stiffer than 1e5 is not looked at
+    assert grasp_stability(simulation).holds_from == 1.0
+    ranges = ((2.0, 3.0), (1e4, 1.1e5))
+    found = grasp_stability(simulation)
+    assert_allclose(found.holds_from, 1e4, rtol=2e-3)
+    assert_allclose(found.window, (2.0, 3.0), rtol=2e-3)
+    ranges = ((2.0, 3.0), (1e4, 0.9e5))
+    found = grasp_stability(simulation)
+    assert found.holds_from == math.inf
+    assert_allclose(found.window, (1e4, 0.9e5), rtol=2e-3)
