@@ -1,5 +1,6 @@
 """Grasps that give: limits of the plant's steps, and stable ranges of the stiffness by known radii."""
 
+import importlib
 import math
 
 import numpy as np
@@ -14,29 +15,37 @@ from coop_pin.stability import grasp_stability, step_stability
 from coop_pin.stability.grasp_stability import _GraspLoop
 from coop_pin.stability.step_stability import plant_matrix
 
+steps = importlib.import_module("coop_pin.stability.step_stability")
+
 
 def on_springs(name):
     scenario = with_grasps(anchored(name), "paper")
     return Simulation(scenario, build_controller(scenario))
 
 
+def step_limit(s):
+    """Largest h with |R(h s)| <= 1, R(x) = 1 + x + x^2/2 + x^3/6 + x^4/24, as roots of a polynomial in h."""
+    R = np.array([s**4 / 24.0, s**3 / 6.0, s**2 / 2.0, s, 1.0])
+    edges = np.roots(np.polysub(np.polymul(R, R.conj()).real, [1.0]))
+    return min(root.real for root in edges if abs(root.imag) < 1e-7 * abs(root) and root.real > 1e-9)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_the_step_limit_is_where_a_root_of_runge_kutta_leaves_the_unit_circle(name):
-    """|R(h s)|^2 = 1 with R(x) = 1 + x + x^2/2 + x^3/6 + x^4/24, as roots of a polynomial in h."""
+def test_the_step_limit_is_where_a_root_of_runge_kutta_leaves_the_unit_circle(name, monkeypatch):
+    """Of the poles of springs and friction; of others, of which one that is slower has a smaller limit."""
     simulation = on_springs(name)
     found, clock = step_stability(simulation), simulation.scenario.clock
-    A, _ = plant_matrix(simulation.chain, simulation.plant.q)
-    h, uses = clock.period / clock.steps_per_tick, []
-    for s in np.linalg.eigvals(A):
-        if abs(s) < 1.0:  # of rest
-            continue
-        R = np.array([s**4 / 24.0, s**3 / 6.0, s**2 / 2.0, s, 1.0])
-        edges = np.roots(np.polysub(np.polymul(R, R.conj()).real, [1.0]))
-        at = min(root.real for root in edges if abs(root.imag) < 1e-7 * abs(root) and root.real > 1e-9)
-        uses.append((h / at, h * abs(s), at * abs(s)))
-    use, value, limit = max(uses)
-    assert_allclose(found.value / found.limit, use, rtol=1e-3)
-    assert_allclose((found.value, found.limit), (value, limit), rtol=1e-3)
+    A, N = plant_matrix(simulation.chain, simulation.plant.q)
+    h, poles = clock.period / clock.steps_per_tick, np.linalg.eigvals(A)
+    worst = max((s for s in poles if abs(s) > 1.0), key=lambda s: abs(s) * h / step_limit(s))
+    assert_allclose((found.value, found.limit), (h * abs(worst), abs(worst) * step_limit(worst)), rtol=1e-3)
+    swings = 0.97e5 * np.exp(1j * np.deg2rad(125.0))
+    A = -np.eye(len(A))
+    A[0, 0], A[1:3, 1:3] = -1e5, [[swings.real, swings.imag], [-swings.imag, swings.real]]
+    monkeypatch.setattr(steps, "plant_matrix", lambda *_, **__: (A, N))
+    found = step_stability(simulation)
+    assert_allclose((found.value, found.limit), (h * 0.97e5, 0.97e5 * step_limit(swings)), rtol=1e-3)
+    assert found.limit < 0.95 * 2.785293563405282
 
 
 def test_stable_ranges_of_the_stiffness_are_those_of_its_radii(monkeypatch):
