@@ -9,10 +9,12 @@ from cells import SCENARIOS
 from compliant_cells import anchored, with_grasps
 from numpy.testing import assert_allclose
 
+from coop_pin.base.errors import ArgumentError
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
-from coop_pin.stability import grasp_stability, step_stability
+from coop_pin.stability import LoopStability, grasp_stability, loop_stability, step_stability
 from coop_pin.stability.grasp_stability import _GraspLoop
+from coop_pin.stability.modes import Mode
 from coop_pin.stability.step_stability import plant_matrix
 
 steps = importlib.import_module("coop_pin.stability.step_stability")
@@ -70,3 +72,30 @@ def test_stable_ranges_of_the_stiffness_are_those_of_its_radii(monkeypatch):
     found = grasp_stability(simulation)
     assert found.holds_from == math.inf
     assert_allclose(found.window, (1e4, 0.9e5), rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_each_stability_is_of_its_own_kind_of_grasp(name):
+    scenario = anchored(name)
+    with pytest.raises(ArgumentError, match="compliant"):
+        loop_stability(on_springs(name))
+    with pytest.raises(ArgumentError, match="rigid"):
+        grasp_stability(Simulation(scenario, build_controller(scenario)))
+
+
+@pytest.mark.parametrize(
+    ("z", "is_spare", "remedy"),
+    [
+        (1.01 + 0.0j, False, "Raise controller.gains.pose_gain"),
+        (1.01 + 0.0j, True, "Raise controller.posture.stiffness"),
+        (0.8 + 0.7j, True, "Raise controller.posture.stiffness"),  # it swings, slower than the ticks
+        (0.8 + 0.7j, False, "Lower the gains"),
+        (-1.2 + 0.0j, False, "Lower the gains"),
+        (-1.2 + 0.0j, True, "Lower controller.posture"),
+    ],
+)
+def test_what_cures_a_motion_that_grows_goes_by_where_its_mode_is(z, is_spare, remedy):
+    mode = Mode(z, "motion of left/1", 0.01, ("left/1",), is_spare)
+    loop = LoopStability(abs(z), 0.0, 0.0, mode, mode, mode, None, 0.01, "controller.posture.stiffness")
+    assert not loop.ok
+    assert remedy in loop.summary()
