@@ -21,7 +21,7 @@ from coop_pin.base.errors import (
 from coop_pin.base.spatial import internal_wrenches
 from coop_pin.design.carried_path import CarriedLine
 from coop_pin.design.carry_limits import CarryLimits, CarryTiming
-from coop_pin.design.path_parameterization import PathLimits, fastest, times_of
+from coop_pin.design.path_parameterization import PathLimits, fastest, smoothed, times_of
 from coop_pin.grasps import CellChain
 from coop_pin.reference.pose_reference import check_consistency
 
@@ -118,6 +118,32 @@ def test_a_joint_under_gravity_switches_where_energy_says():
     switch = (L + g) / (2.0 * L)
     closed = np.sqrt(2.0 * switch / (L - g)) + np.sqrt(2.0 * (1.0 - switch) / (L + g))
     assert_allclose(times_of(limits.places, fastest(limits))[-1], closed, rtol=1e-9)
+
+
+def test_a_moving_average_is_that_of_sampled_fractions():
+    """Of a motion that rises and brakes at uneven places; the ends rest, and the width comes on top."""
+    places, x, width = np.array((0.0, 0.1, 0.3, 0.6, 0.85, 1.0)), np.array((0, 0.2, 0.5, 0.7, 0.3, 0)), 0.4
+    ends = times_of(places, x)
+    assert_allclose(ends[:2], (0.0, 2.0 * 0.1 / np.sqrt(0.2)))
+    u = np.diff(x) / (2.0 * np.diff(places))
+    fine = np.linspace(-width, ends[-1] + width, 200_001)
+    i = np.clip(np.searchsorted(ends, fine, side="right") - 1, 0, len(u) - 1)
+    h = fine - ends[i]
+    s = np.where(fine >= ends[-1], 1.0, places[i] + np.sqrt(x[i]) * h + 0.5 * u[i] * h**2) * (fine > 0.0)
+    area = np.concatenate(((0.0,), np.cumsum((s[1:] + s[:-1]) / 2.0 * np.diff(fine))))
+    for least in (10, 300):
+        times, fractions = smoothed(places, x, width, least)
+        assert_allclose(times[[0, -1]], (0.0, ends[-1] + width))
+        assert len(times) == max(least, int(8.0 * (ends[-1] / width + 1.0) + 1.0))
+        expected = (np.interp(times, fine, area) - np.interp(times - width, fine, area)) / width
+        assert_allclose(fractions, expected, rtol=0, atol=1e-8)
+
+
+def test_the_largest_limit_at_a_place_is_that_of_its_rows():
+    a, b, c = np.random.default_rng(1).normal(size=(3, 4, 5))
+    u, x = np.random.default_rng(2).normal(size=(2, 4))
+    rows = [max(a[i, r] * u[i] + b[i, r] * x[i] + c[i, r] for r in range(5)) for i in range(4)]
+    assert_allclose(PathLimits(np.arange(4.0), a, b, c).largest(u, x), rows)
 
 
 @pytest.mark.parametrize("name", ["adept", "pandas", "turned"])
