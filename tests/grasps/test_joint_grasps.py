@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from joint_cells import FIVE_JOINTS, H, bias_wrenches, four_bar, jointed, upright
 from numpy.testing import assert_allclose
+from scipy.linalg import null_space
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError
@@ -21,8 +22,11 @@ from coop_pin.base.spatial.grasp_rows import (
 )
 from coop_pin.control.grasp_space import gains_in_grasp
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
+from coop_pin.design.posture_gains import base_posture_gains, rounded_down
+from coop_pin.feasibility import reachability
 from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.grasps import CellChain
+from coop_pin.model import CellArm
 from coop_pin.stability.sampled_stability import sampled_stability
 from coop_pin.viz.frames import run_samples, strut_columns
 
@@ -463,6 +467,36 @@ def on_bases() -> cp.Scenario:
     With a tenth of their spring as well, all bases swing at 0.78 rad/s and press each other with 1.08 N.
     """
     return jointed("three-driven-ur5", {"arm1": "hinge"}, **{"cell.split_length": 0.3})
+
+
+@pytest.mark.parametrize("T", [0.002, 0.05])
+def test_postures_on_bases_damp_each_drive_by_its_own_inertia(T):
+    """D_j = min(80, s M_jj), (T + 2 lag) lambda_max = 0.9; K_j = min(160, D_j / (5 T)); none of the bases."""
+    scenario = on_bases().override({"actuators.lag": 0.003})
+    cell_reach, poses = reachability(scenario, poses=3), []
+    for reach in cell_reach.arms:
+        arm = CellArm(scenario.cell, reach.arm)
+        for q in reach.q:
+            M = arm.from_drive.T @ arm.mass_matrix(q) @ arm.from_drive
+            poses.append((null_space(arm.task_jacobian(q)), M))
+    least = np.min([np.diag(M) for _, M in poses], axis=0)
+    least[:3] = 0.0  # of the base
+    largest = max(
+        np.linalg.eigvals(np.linalg.solve(U.T @ M @ U, U.T @ np.diag(least) @ U)).real.max() for U, M in poses
+    )
+    damping = np.minimum(80.0, 0.9 / ((T + 2.0 * 0.003) * largest) * least)
+    gains = base_posture_gains(scenario, cell_reach, T)
+    assert_allclose(gains.damping, damping, rtol=0.01, atol=0)
+    assert (np.array(gains.damping) <= damping * (1.0 + 1e-9)).all()
+    stiffness = np.minimum(160.0, np.array(gains.damping) / (5.0 * T))
+    assert_allclose(gains.stiffness, stiffness, rtol=0.01, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(0.123456, 0.123), (98765.0, 98700.0), (0.9, 0.9), (4.99999, 4.99), (1e-6, 1e-6)]
+)
+def test_gains_are_rounded_down_to_three_digits(value, expected):
+    assert rounded_down(value) == expected
 
 
 @pytest.mark.slow
