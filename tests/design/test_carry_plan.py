@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from cells import SPATIAL_START, spatial_scenario
+from cells import SCENARIOS, SPATIAL_START, spatial_scenario
 from numpy.testing import assert_allclose
 from scipy.optimize import linprog
 
@@ -266,6 +266,36 @@ def palms(more):
     goal = start.replace(xyz=tuple(np.add(start.xyz, (0.0, 0.15, 0.1))))
     wrenches = dict(zip(cell.arms, squeeze, strict=True))
     return cell, start, goal, cp.squeezes.ConstantSqueeze(wrenches=wrenches)
+
+
+@pytest.mark.parametrize("outline", [{"radius": 0.03}, {"size": (0.05, 0.03)}])
+@pytest.mark.parametrize("name", ["planar", "spatial"])
+def test_planes_of_a_pad_are_inside_its_cones_and_near_them(name, outline):
+    """Along random directions of friction and of tilt, with a reserve of a fifth."""
+    cell = SCENARIOS[name]().cell
+    grasps = {"left": {"xyz": (-0.1, 0.01, 0.02), "rpy": (0.2, -0.1, 0.3)}, "right": {"xyz": (0.1, 0.0, 0.0)}}
+    pads = {"left": cp.Pad(mu=0.6, press="x", **outline), "right": cp.Pad(mu=0.4, press="-x", **outline)}
+    cell, rng = cell.replace(grasps=grasps, pads=pads), np.random.default_rng(3)
+    rows = CarryLimits.of(cell, None, 0.2).pads
+    for index, (arm, pad) in enumerate(cell.pads.items()):
+        on_pad = pad.in_plane(np.eye(6), cell.grasps[arm].matrix).T
+        used = rows[np.abs(rows).max(axis=(1, 2)) > 0.0]
+        of_arm = used[np.abs(used[:, index]).max(axis=1) > 0.0]
+        assert len(of_arm) == 64 + 16
+        assert not np.abs(np.delete(of_arm, index, axis=1)).any()
+        pressed = of_arm[:, index] @ np.linalg.solve(on_pad, np.eye(6)[2])  # 1 N along the normal
+        assert pressed.max() < 0.0
+        for kind in ("slip", "tip"):
+            for along in rng.normal(size=(40, 6)):
+                free = [0, 1, 5] if kind == "slip" else [3, 4]
+                F = np.zeros(6)
+                F[free] = along[free] * ((1.0, 1.0, pad.torsion_radius) if kind == "slip" else pad.levers)
+                growth = of_arm[:, index] @ np.linalg.solve(on_pad, F)
+                largest = (-pressed[growth > 1e-12] / growth[growth > 1e-12]).min()
+                used_up = (
+                    pad.needed_friction(F) / pad.mu if kind == "slip" else np.linalg.norm(F[3:5] / pad.levers)
+                )
+                assert 0.85 < largest * used_up / 0.8 <= 1.0 + 1e-9
 
 
 @pytest.mark.slow
