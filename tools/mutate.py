@@ -63,7 +63,7 @@ TESTS = {
     "environment": "stepping",
     "feasibility": "friction_margins suggestion",
     "figures": "comparison_figures sweep_figures",
-    "grasps": "inverse_dynamics",
+    "grasps": "inverse_dynamics shared_joints",
     "identification": "",
     "logs": "",
     "model": "",
