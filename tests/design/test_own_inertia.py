@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 
 import numpy as np
@@ -14,7 +15,7 @@ from tiers import by_default
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError
 from coop_pin.description.cell.grasp import STIFFNESSES
-from coop_pin.design import deflection_bias, own_inertia, own_inertia_proposal
+from coop_pin.design import OwnInertia, deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.design.posture_gains import posture_gains
 from coop_pin.feasibility import reachability
 from coop_pin.model import CellArm
@@ -196,6 +197,10 @@ def test_gains_are_parts_of_each_arms_inertia_over_tick_and_lag(name, lag):
     assert_allclose(spread, np.broadcast_to(kappa * np.eye(len(rows)), np.shape(spread)), atol=2e-3 * kappa)
     assert proposal.t_lambda_max == pytest.approx(kappa, rel=1e-3)  # at rest, along all of the motion
     rates = np.linalg.eigvals(np.linalg.solve(A, sum(G))).real
+    inertia = own_inertia(scenario, reach)
+    assert_allclose(
+        inertia.cell, np.broadcast_to(A, inertia.cell.shape), rtol=1e-6, atol=1e-6 * np.abs(A).max()
+    )
     assert proposal.lambda_min == pytest.approx(rates.min(), rel=1e-3)
     gamma, k_I = float(np.max(proposal.gains.pose_gain)), proposal.integral_rate
     assert proposal.gains.sign_gain == pytest.approx(k_I * proposal.law.switching.width)
@@ -209,6 +214,23 @@ def test_gains_are_parts_of_each_arms_inertia_over_tick_and_lag(name, lag):
     assert proposal.damping == pytest.approx(least, abs=1e-3)
     assert least >= 0.58 - 1e-3
     assert k_I > 0.98 * min(0.4 * rates.min(), 0.25 / T) or least < 0.6
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_arm_that_gets_lighter_along_the_motion_has_smaller_gains(name, monkeypatch):
+    """An arm with a quarter of its inertia at a later pose: T lambda is 0.9 there, and 0.225 at the start."""
+    scenario = with_grasps(at_rest(name), "soft", damping_ratio=0.3)
+    reach, size = reachability(scenario, poses=3), scenario.cell.task_rows.size
+    arms = np.tile(np.diag(np.linspace(2.0, 5.0, size)), (2, 2, 1, 1))
+    arms[1, 1] /= 4.0
+    made_up = OwnInertia(arms, np.eye(size) + arms.sum(axis=0))
+    module = importlib.import_module("coop_pin.design.own_inertia")
+    monkeypatch.setattr(module, "own_inertia", lambda *_: made_up)
+    proposal = own_inertia_proposal(scenario, reach)
+    assert 0.99 * 0.9 < proposal.t_lambda_max <= 0.9 * (1.0 + 1e-9)
+    for arm, Lambda in zip(scenario.cell.arms, arms[:, 0], strict=True):
+        G = scenario.cell.share(arm) * np.array(proposal.law.arm_gains[arm].sliding_gain)
+        assert_allclose(G * 4.0 / (0.9 * proposal.rate_hz), Lambda, rtol=0.01, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
