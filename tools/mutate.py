@@ -59,7 +59,7 @@ TESTS = {
     "control": "interface sensing",
     "description": "armature contact_patches errors friction_grasps grasp_events gravity_turn known_before"
     " linked_payloads network new_cell pick_and_place rolling_bases servo shared_joints",
-    "design": "joint_grasps linked_payloads tool_tips symmetric laws_on_linked_payloads",
+    "design": "friction_grasps joint_grasps linked_payloads tool_tips symmetric laws_on_linked_payloads",
     "environment": "stepping",
     "feasibility": "friction_margins suggestion",
     "figures": "comparison_figures sweep_figures",

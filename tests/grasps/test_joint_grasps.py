@@ -22,11 +22,14 @@ from coop_pin.base.spatial.grasp_rows import (
 )
 from coop_pin.control.grasp_space import gains_in_grasp
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
+from coop_pin.design.grasp_gains import with_joint_gains
 from coop_pin.design.posture_gains import base_posture_gains, rounded_down
 from coop_pin.feasibility import reachability
 from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.grasps import CellChain
 from coop_pin.model import CellArm
+from coop_pin.stability.modes import damping_ratio
+from coop_pin.stability.sampled_motion import tick_matrix
 from coop_pin.stability.sampled_stability import sampled_stability
 from coop_pin.viz.frames import run_samples, strut_columns
 
@@ -446,6 +449,36 @@ def test_sampled_damping_is_that_of_the_gains_that_the_payload_feels_beyond_a_tu
     felt = sum(c * B @ np.linalg.inv(B.T @ np.linalg.inv(K) @ B) @ B.T for c, B in parts)
     largest = np.linalg.eigvals(np.linalg.solve(A, felt)).real.max() * scenario.clock.period
     assert sampled_stability(scenario).value == pytest.approx(largest, rel=1e-6)
+
+
+@pytest.mark.gate
+def test_gains_beside_joints_leave_lags_their_part_of_the_tick():
+    """(T + 2 lag) lambda_max = 0.9 of what the payload feels at rest; gamma and k_I by lambda_min."""
+    scenario = cp.Scenario.load(FIVE_JOINTS, {"events": []})
+    T, lag = scenario.clock.period, 0.5 * scenario.clock.period
+    scenario = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start))
+    scenario = scenario.override({"actuators.lag": lag})
+    proposed, _ = with_joint_gains(scenario, reachability(scenario, poses=3))
+    chain, cell, gains = CellChain(scenario.cell), scenario.cell, proposed.controller.gains
+    q = chain.configuration(scenario.start.matrix)
+    reduced = chain.mechanism.reduced_dynamics(q, np.zeros(chain.mechanism.model.nv))
+    JN = chain.payload_jacobian(q) @ reduced.coordinates.null_space
+    K = gains.sized(6, 0).sliding_gain
+    parts = zip(cell.shares, cell.transmitted(), strict=True)
+    felt = sum(c * B @ np.linalg.inv(B.T @ np.linalg.inv(K) @ B) @ B.T for c, B in parts)
+    rates = np.linalg.eigvals(JN @ np.linalg.solve(reduced.mass_matrix, JN.T) @ felt).real
+    rates = rates[rates > 1e-6 * rates.max()]
+    assert 0.99 * 0.9 < (T + 2.0 * lag) * rates.max() <= 0.9 * (1.0 + 1e-6)
+    gamma, k_I = float(np.max(gains.pose_gain)), np.max(gains.sign_gain) / proposed.controller.switching.width
+    assert gamma <= rates.min() / 4.0 * (1.0 + 1e-6)
+    assert k_I <= min(rates.min() / 2.0, 0.25 / T) * (1.0 + 1e-6)
+    by_motion = [
+        T * rate * np.array([[T * gamma, 1.0]]) for rate in np.geomspace(rates.min(), rates.max(), 12)
+    ]
+    ticks = [tick_matrix(-part, -T * k_I * part, 1.0, lag=lag / T) for part in by_motion]
+    least = min(damping_ratio(z) for tick in ticks for z in np.linalg.eigvals(tick))
+    assert least >= 0.58 - 1e-3
+    assert gamma > 0.98 * rates.min() / 4.0 or least < 0.6
 
 
 @pytest.mark.gate
