@@ -5,6 +5,7 @@ import pytest
 from compliant_cells import anchored, with_grasps
 
 import coop_pin as cp
+from coop_pin.base.spatial.internal_wrench import linkage_loads
 from coop_pin.feasibility import reachability
 from coop_pin.stability.motion_loop import MotionLoop
 
@@ -118,3 +119,17 @@ def test_the_first_state_of_a_squeeze_that_comes_in_is_that_at_the_start():
     seen = loop.first[-loop.m * loop.k :].reshape(loop.m, loop.k)
     rows = list(scenario.cell.task_rows.indices)
     np.testing.assert_allclose(seen, expected.reshape(-1, 6)[:, rows], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["springs", "patches"])
+def test_loads_are_parts_of_the_weight_in_world_axes(kind):
+    """By the load shares, of a payload that is turned at the start; by the virtual linkage on patches."""
+    scenario = on_a_short_line(cell_of("spatial", kind), **QUICK)
+    cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
+    weight = np.concatenate((cell.payload.mass * np.array(cell.gravity), np.zeros(3)))
+    parts = np.outer(cell.shares, weight)
+    if kind == "patches":
+        tips = np.array([grasp.xyz for grasp in cell.grasps.values()]) @ scenario.start.matrix[:3, :3].T
+        parts = linkage_loads(tips) @ weight
+    load = MotionLoop(scenario, reachability(scenario, poses=3)).load
+    np.testing.assert_allclose(load, parts[:, rows], atol=1e-9)
