@@ -99,3 +99,18 @@ def test_what_cures_a_motion_that_grows_goes_by_where_its_mode_is(z, is_spare, r
     loop = LoopStability(abs(z), 0.0, 0.0, mode, mode, mode, None, 0.01, "controller.posture.stiffness")
     assert not loop.ok
     assert remedy in loop.summary()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_factor_of_the_stiffness_is_that_of_the_springs_themselves(name):
+    """Springs four times as stiff, with the wrenches that they feed back, at the same damping ratios."""
+    radii = []
+    for stiffness in (3e4, 1.2e5):
+        size = (stiffness,) * 3 + (stiffness / 100.0,) * 3
+        scenario = with_grasps(anchored(name), size, damping_ratio=0.4)
+        weightless = {"cell.gravity": (0.0, 0.0, 0.0), "controller.gains.force_gain": 5.0}
+        scenario = scenario.override(weightless | {"squeeze": {}, "beyond_bound": True})
+        loop = _GraspLoop(Simulation(scenario, build_controller(scenario)))
+        radii.append(loop.radius(1.2e5 / stiffness))
+    assert_allclose(radii[0] - 1.0, radii[1] - 1.0, rtol=1e-6)
+    assert abs(loop.radius(4.0) - radii[1]) > 1e-5

@@ -9,6 +9,7 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 from close import assert_close
 from damping import damping_and_inertia
+from joint_cells import FIVE_JOINTS
 from numpy.testing import assert_allclose
 from random_cells import random_cell
 from scipy.linalg import eigvalsh, expm
@@ -31,7 +32,7 @@ from coop_pin.stability import (
     step_stability,
 )
 from coop_pin.stability.sampled_motion import tick_matrix
-from coop_pin.stability.sampled_stability import delayed_factor
+from coop_pin.stability.sampled_stability import configurations_along, delayed_factor
 from coop_pin.stability.step_stability import REAL_STABILITY
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
@@ -220,6 +221,21 @@ def test_in_space_it_is_that_of_a_cell_that_starts_there():
     there = scenario.replace(start=X, motion={"kind": "hold", "pose": X})
     assert_allclose(sampled_stability(there).value, found.value, rtol=1e-4)
     assert found.value >= sampled_stability(scenario).value - 1e-9
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", FIVE_JOINTS])
+def test_configurations_along_a_motion_hold_the_payload_where_it_is_then(name):
+    """Arms of five joints on hinges, too, which do not see how far the payload has turned."""
+    scenario = cp.Scenario.load(name, {"events": []})
+    goal = scenario.start.replace(rpy=np.add(scenario.start.rpy, (0.0, 0.0, 0.1)))
+    turn = cp.motions.LineMotion(start=scenario.start, goal=goal, start_time=0.1, duration=1.0)
+    scenario = scenario.replace(motion=turn, duration=1.2)
+    run, reach = Simulation(scenario, build_controller(scenario)), reachability(scenario, poses=5)
+    along = configurations_along(run, reach, 4)
+    assert along[0][0] == 0.0 < along[-1][0]
+    for time, q in along:
+        expected = scenario.payload_motion.at(time).X_WP_d
+        assert_allclose(run.chain.payload_pose(q), expected, rtol=0, atol=1e-8)
 
 
 def test_a_funnel_is_looked_at_until_its_end():
