@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, InfeasibleMotionError
 from coop_pin.base.schema.pose import Pose
-from coop_pin.base.spatial import inverse_pose
+from coop_pin.base.spatial import inverse_pose, log3
 from coop_pin.cli import main
 from coop_pin.description.cell.grasp import JointGrasp
 from coop_pin.description.thresholds import TrustThresholds
@@ -185,3 +185,11 @@ def test_each_motion_is_calmer_than_that_before():
     circles = calmer_motions("circle", start, 0.08, 0.05)
     assert [motion.get("radius") for motion in circles.values()] == [0.02, 0.01, None]
     assert [*calmer_motions("hold", start, 0.08, 0.05)] == [*lines][-1:] == [*circles][-1:] == ["at rest"]
+
+
+def test_a_tool_is_turned_by_quarters_about_its_approach():
+    placement, _ = searches(named_arms(["ur5"] * 2, (), RobotFiles()), BOX, "sides", "facing")
+    first, *others = (hold.grasp.matrix[:3, :3] for hold in placement.holds)
+    turns = [log3(R @ first.T) / (np.pi / 2.0) for R in others]  # about x, along which the left arm reaches
+    assert_allclose(np.abs(turns), [(1, 0, 0), (2, 0, 0), (1, 0, 0)], atol=1e-5)
+    assert (turns[0][0], turns[2][0]) == pytest.approx((1.0, -1.0), abs=1e-5)
