@@ -17,10 +17,8 @@ from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.cli import main
 from coop_pin.control import PostureGains
 from coop_pin.design import gain_proposal
-from coop_pin.design.stable_gains import with_stable_gains
 from coop_pin.feasibility import MotionWrenches, closure_problem, reachability
 from coop_pin.model import CellArm
-from coop_pin.results.finding import Finding, Findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import loop_stability
@@ -540,34 +538,3 @@ def test_a_payload_that_stays_on_positional_rows_leaves_the_usual_springs():
     still = cp.Scenario.load("two-pandas-box", {"cell.rows": "positional"})
     still = still.replace(motion=cp.motions.HoldMotion(pose=still.start))
     assert cp.suggest(still, poses=5).scenario.controller.posture == PostureGains()
-
-
-@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
-@pytest.mark.parametrize("failing", [0, 2, 4])
-def test_gains_of_other_laws_are_the_first_multiple_with_which_no_check_fails(name, failing, monkeypatch):
-    """1, 2, 4 and 8 times those of one payload; checks that fail at the first ones are made up."""
-    scenario = cp.Scenario.load(name, {"events": ()})
-    rows, tried = np.array(scenario.cell.task_rows.indices) < 3, []
-    unit = np.where(rows, 1.0, 0.02)
-    grown = Finding("closed loop", "", "error", "it grows")
-
-    def check(changed, **_):
-        tried.append(changed.controller.gains)
-        return Findings("", (grown,) if len(tried) <= failing else ())
-
-    monkeypatch.setattr("coop_pin.design.stable_gains.check", check)
-    path = scenario.controller.force_path
-    found = with_stable_gains(scenario.replace(controller=cp.laws.ObjectImpedance(force_path=path)))
-    assert (found is None) == (failing == 4)
-    for gains, s in zip(tried, (1.0, 2.0, 4.0, 8.0), strict=False):
-        np.testing.assert_allclose(gains.inertia, 20.0 * s * unit)
-        np.testing.assert_allclose(gains.damping, 400.0 * s * unit)
-        np.testing.assert_allclose(gains.stiffness, 2000.0 * s * unit)
-    tried.clear()
-    law = {"kind": "admittance", "force_path": path.model_dump()}
-    servo = {"command": "velocity", "rate_hz": scenario.clock.rate_hz}
-    with_stable_gains(scenario.override({"controller": law, "actuators.servo": servo}))
-    for gains, s in zip(tried, (1.0, 2.0, 4.0, 8.0), strict=False):
-        np.testing.assert_allclose(gains.admittance_damping, 1000.0 * s * unit)
-        assert (gains.pose_gain, gains.admittance_rate) == (5.0, 20.0)
-    assert len(tried) == min(failing + 1, 4)

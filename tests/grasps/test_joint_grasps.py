@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from joint_cells import FIVE_JOINTS, H, bias_wrenches, four_bar, jointed, upright
-from linked_cells import linked
 from numpy.testing import assert_allclose
 from scipy.linalg import null_space
 
@@ -23,7 +22,6 @@ from coop_pin.base.spatial.grasp_rows import (
 )
 from coop_pin.control.grasp_space import gains_in_grasp
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
-from coop_pin.design import grasp_gains
 from coop_pin.design.grasp_gains import with_joint_gains
 from coop_pin.design.posture_gains import base_posture_gains, rounded_down
 from coop_pin.feasibility import reachability
@@ -525,26 +523,6 @@ def test_postures_on_bases_damp_each_drive_by_its_own_inertia(T):
     assert (np.array(gains.damping) <= damping * (1.0 + 1e-9)).all()
     stiffness = np.minimum(160.0, np.array(gains.damping) / (5.0 * T))
     assert_allclose(gains.stiffness, stiffness, rtol=0.01, atol=0)
-
-
-@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
-def test_where_arms_hold_other_links_gains_are_those_about_their_tips(name):
-    """K about each tip is A^T K A about P, with the tip's twist A V_P; no bound where links or bases give."""
-    gains = {"pose_gain": 1.0, "sign_gain": 0.1, "transient_rate": 1.0}
-    scenario = linked(name, "table")
-    rows = list(scenario.cell.task_rows.indices)
-    K = np.arange(1.0, len(rows) + 1.0)
-    law = grasp_gains._law(scenario, K, gains)
-    for arm, grasp in scenario.cell.grasps.items():
-        A = np.eye(6)
-        A[:3, 3:] = -pin.skew(np.array(grasp.xyz))
-        A = A[np.ix_(rows, rows)]
-        assert_allclose(law.arm_gains[arm].sliding_gain, A.T @ np.diag(K) @ A, atol=1e-8)
-    assert (law.gain_axes, law.zero_at_grasp, law.anchor_bias) == ("payload", True, "none")
-    beside = grasp_gains._law(jointed(name, {"right": "hinge"}), K, gains)
-    assert (beside.arm_gains, beside.gain_axes) == ({}, "world")
-    assert beside.anchor_bias == cp.laws.PayloadSpace.model_fields["anchor_bias"].default
-    assert grasp_gains._law(on_bases(), np.ones(6), gains).anchor_bias == "none"
 
 
 @pytest.mark.parametrize(

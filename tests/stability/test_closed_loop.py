@@ -17,8 +17,6 @@ from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.stability import loop_stability, sampled_motion
 from coop_pin.stability.tick_map import MEMORY
-from coop_pin.stability.tick_map import _moved as moved
-from coop_pin.stability.tick_map import _numbers as numbers
 
 
 def held(name, changes, controller=None):
@@ -252,19 +250,6 @@ def test_what_has_no_eigenvalues_is_refused():
     for factors in ([], [0.0], [np.nan]):
         with pytest.raises(ArgumentError):
             cp.stability.root_locus(scenario, "controller.gains.pose_gain", factors)
-
-
-def test_numbers_of_a_state_are_its_floats_and_arrays_and_the_rest_stays():
-    """Counters, words and nothing at all have no derivative, and are no error."""
-    state = (2.0, None, 3, "name", [np.array([4.0, 5.0]), True], (np.array([[6.0]]),))
-    assert [number.ravel().tolist() for number in numbers(state)] == [[2.0], [4.0, 5.0], [6.0]]
-    after, left = moved(state, np.array([0.1, 0.2, 0.3, 0.4, 0.5]))
-    assert (after[0], *after[1:4]) == (2.1, None, 3, "name")
-    assert_allclose(after[4][0], (4.2, 5.3))
-    assert_allclose(after[5][0], [[6.4]])
-    assert left.tolist() == [0.5]
-    with pytest.raises(ArgumentError, match="set"):
-        list(numbers((1.0, {2.0})))
 
 
 def test_the_command_draws_a_root_locus(tmp_path, capsys):
