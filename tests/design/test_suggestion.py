@@ -17,6 +17,7 @@ from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.cli import main
 from coop_pin.control import PostureGains
 from coop_pin.design import gain_proposal
+from coop_pin.design.tuning_rule import damped
 from coop_pin.feasibility import MotionWrenches, closure_problem, reachability
 from coop_pin.model import CellArm
 from coop_pin.simulation.build_controller import build_controller
@@ -149,6 +150,15 @@ def test_the_bounds_hold_along_the_motion(name):
     assert k_I * T <= 0.25
     assert k_I <= np.min(every) / 2.0
     assert proposal.lambda_min <= np.min(every) * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize(("alone", "least"), [(1.0, 0.58), (0.5, 0.495)])
+def test_pose_gain_and_integral_are_lowered_together_until_modes_are_damped(alone, least):
+    """A damping ratio that falls evenly with both, from that of the damping alone: 0.58, or 0.99 of that."""
+    gamma, k_I = damped(lambda by_pose, by_integral: alone - by_pose - by_integral, 60.0, 40.0, 0.01)
+    part = gamma / 60.0
+    assert k_I / 40.0 == pytest.approx(part)
+    assert alone - part >= least > alone - part / 0.99
 
 
 @pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
