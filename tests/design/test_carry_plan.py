@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from cells import SPATIAL_START, spatial_scenario
+from cells import SCENARIOS, SPATIAL_START, spatial_scenario
 from numpy.testing import assert_allclose
 from scipy.optimize import linprog
 
@@ -21,7 +21,7 @@ from coop_pin.base.errors import (
 from coop_pin.base.spatial import internal_wrenches
 from coop_pin.design.carried_path import CarriedLine
 from coop_pin.design.carry_limits import CarryLimits, CarryTiming
-from coop_pin.design.path_parameterization import PathLimits, fastest, times_of
+from coop_pin.design.path_parameterization import PathLimits, fastest, smoothed, times_of
 from coop_pin.grasps import CellChain
 from coop_pin.reference.pose_reference import check_consistency
 
@@ -118,6 +118,32 @@ def test_a_joint_under_gravity_switches_where_energy_says():
     switch = (L + g) / (2.0 * L)
     closed = np.sqrt(2.0 * switch / (L - g)) + np.sqrt(2.0 * (1.0 - switch) / (L + g))
     assert_allclose(times_of(limits.places, fastest(limits))[-1], closed, rtol=1e-9)
+
+
+def test_a_moving_average_is_that_of_sampled_fractions():
+    """Of a motion that rises and brakes at uneven places; the ends rest, and the width comes on top."""
+    places, x, width = np.array((0.0, 0.1, 0.3, 0.6, 0.85, 1.0)), np.array((0, 0.2, 0.5, 0.7, 0.3, 0)), 0.4
+    ends = times_of(places, x)
+    assert_allclose(ends[:2], (0.0, 2.0 * 0.1 / np.sqrt(0.2)))
+    u = np.diff(x) / (2.0 * np.diff(places))
+    fine = np.linspace(-width, ends[-1] + width, 200_001)
+    i = np.clip(np.searchsorted(ends, fine, side="right") - 1, 0, len(u) - 1)
+    h = fine - ends[i]
+    s = np.where(fine >= ends[-1], 1.0, places[i] + np.sqrt(x[i]) * h + 0.5 * u[i] * h**2) * (fine > 0.0)
+    area = np.concatenate(((0.0,), np.cumsum((s[1:] + s[:-1]) / 2.0 * np.diff(fine))))
+    for least in (10, 300):
+        times, fractions = smoothed(places, x, width, least)
+        assert_allclose(times[[0, -1]], (0.0, ends[-1] + width))
+        assert len(times) == max(least, int(8.0 * (ends[-1] / width + 1.0) + 1.0))
+        expected = (np.interp(times, fine, area) - np.interp(times - width, fine, area)) / width
+        assert_allclose(fractions, expected, rtol=0, atol=1e-8)
+
+
+def test_the_largest_limit_at_a_place_is_that_of_its_rows():
+    a, b, c = np.random.default_rng(1).normal(size=(3, 4, 5))
+    u, x = np.random.default_rng(2).normal(size=(2, 4))
+    rows = [max(a[i, r] * u[i] + b[i, r] * x[i] + c[i, r] for r in range(5)) for i in range(4)]
+    assert_allclose(PathLimits(np.arange(4.0), a, b, c).largest(u, x), rows)
 
 
 @pytest.mark.parametrize("name", ["adept", "pandas", "turned"])
@@ -240,6 +266,36 @@ def palms(more):
     goal = start.replace(xyz=tuple(np.add(start.xyz, (0.0, 0.15, 0.1))))
     wrenches = dict(zip(cell.arms, squeeze, strict=True))
     return cell, start, goal, cp.squeezes.ConstantSqueeze(wrenches=wrenches)
+
+
+@pytest.mark.parametrize("outline", [{"radius": 0.03}, {"size": (0.05, 0.03)}])
+@pytest.mark.parametrize("name", ["planar", "spatial"])
+def test_planes_of_a_pad_are_inside_its_cones_and_near_them(name, outline):
+    """Along random directions of friction and of tilt, with a reserve of a fifth."""
+    cell = SCENARIOS[name]().cell
+    grasps = {"left": {"xyz": (-0.1, 0.01, 0.02), "rpy": (0.2, -0.1, 0.3)}, "right": {"xyz": (0.1, 0.0, 0.0)}}
+    pads = {"left": cp.Pad(mu=0.6, press="x", **outline), "right": cp.Pad(mu=0.4, press="-x", **outline)}
+    cell, rng = cell.replace(grasps=grasps, pads=pads), np.random.default_rng(3)
+    rows = CarryLimits.of(cell, None, 0.2).pads
+    for index, (arm, pad) in enumerate(cell.pads.items()):
+        on_pad = pad.in_plane(np.eye(6), cell.grasps[arm].matrix).T
+        used = rows[np.abs(rows).max(axis=(1, 2)) > 0.0]
+        of_arm = used[np.abs(used[:, index]).max(axis=1) > 0.0]
+        assert len(of_arm) == 64 + 16
+        assert not np.abs(np.delete(of_arm, index, axis=1)).any()
+        pressed = of_arm[:, index] @ np.linalg.solve(on_pad, np.eye(6)[2])  # 1 N along the normal
+        assert pressed.max() < 0.0
+        for kind in ("slip", "tip"):
+            for along in rng.normal(size=(40, 6)):
+                free = [0, 1, 5] if kind == "slip" else [3, 4]
+                F = np.zeros(6)
+                F[free] = along[free] * ((1.0, 1.0, pad.torsion_radius) if kind == "slip" else pad.levers)
+                growth = of_arm[:, index] @ np.linalg.solve(on_pad, F)
+                largest = (-pressed[growth > 1e-12] / growth[growth > 1e-12]).min()
+                used_up = (
+                    pad.needed_friction(F) / pad.mu if kind == "slip" else np.linalg.norm(F[3:5] / pad.levers)
+                )
+                assert 0.85 < largest * used_up / 0.8 <= 1.0 + 1e-9
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from tiers import by_default
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError
 from coop_pin.description.cell.grasp import STIFFNESSES
-from coop_pin.design import deflection_bias, own_inertia
+from coop_pin.design import deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.design.posture_gains import posture_gains
 from coop_pin.feasibility import reachability
 from coop_pin.model import CellArm
@@ -22,6 +22,8 @@ from coop_pin.proof import theorem_monitor
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability, loop_stability, step_stability
+from coop_pin.stability.modes import damping_ratio
+from coop_pin.stability.sampled_motion import tick_matrix
 
 FULL = {
     "planar": np.array([[900.0, 60.0, 8.0], [60.0, 500.0, -5.0], [8.0, -5.0, 30.0]]),
@@ -166,6 +168,51 @@ def test_every_arm_alone_is_stable_with_the_proposed_gains_on_the_softest_grasps
     assert found.alone.value < 1.0
     assert cp.Scenario.from_toml(proposed.scenario.to_toml()) == proposed.scenario
     assert "anchor_bias" in proposed.summary()
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.5])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_gains_are_parts_of_each_arms_inertia_over_tick_and_lag(name, lag):
+    """G_i = kappa / T Lambda_i(q_0), kappa = 0.5 T / (T + 2 lag); k_I and gamma by what damping allows."""
+    scenario = with_grasps(at_rest(name), "soft", damping_ratio=0.3)
+    scenario = scenario.override({"actuators.lag": lag * scenario.clock.period})
+    reach, cell = reachability(scenario, poses=3), scenario.cell
+    proposal = own_inertia_proposal(scenario, reach)
+    T, rows = 1.0 / proposal.rate_hz, list(cell.task_rows.indices)
+    late = lag * scenario.clock.period / T
+    Q, spread, G, A = turn(cell.task_rows, scenario.start.matrix), [], [], np.zeros((6, 6))
+    A[:3, :3], A[3:, 3:] = cell.payload.mass * np.eye(3), cell.payload.inertia_matrix
+    A = A[np.ix_(rows, rows)]
+    for arm in cell.arms:
+        model = CellArm(cell, arm)
+        q = cp.solve_ik(model, scenario.start.matrix, posture=cell.arms[arm].posture)
+        J = model.rows.select(model.payload_jacobian(q))
+        Lambda = Q.T @ np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(q), J.T)) @ Q
+        G.append(cell.share(arm) * np.array(proposal.law.arm_gains[arm].sliding_gain))
+        spread.append(T * np.linalg.solve(Lambda, G[-1]))
+        A = A + Lambda
+    kappa = spread[0][0, 0]
+    assert 0.98 * 0.5 / (1.0 + 2.0 * late) < kappa <= 0.5 / (1.0 + 2.0 * late) * (1.0 + 1e-9)
+    assert_allclose(spread, np.broadcast_to(kappa * np.eye(len(rows)), np.shape(spread)), atol=2e-3 * kappa)
+    assert proposal.t_lambda_max == pytest.approx(kappa, rel=1e-3)  # at rest, along all of the motion
+    rates = np.linalg.eigvals(np.linalg.solve(A, sum(G))).real
+    inertia = own_inertia(scenario, reach)
+    assert_allclose(
+        inertia.cell, np.broadcast_to(A, inertia.cell.shape), rtol=1e-6, atol=1e-6 * np.abs(A).max()
+    )
+    assert proposal.lambda_min == pytest.approx(rates.min(), rel=1e-3)
+    gamma, k_I = float(np.max(proposal.gains.pose_gain)), proposal.integral_rate
+    assert proposal.gains.sign_gain == pytest.approx(k_I * proposal.law.switching.width)
+    assert 0.025 * 0.9 * rates.min() < gamma <= 0.1 * rates.min()
+    assert k_I <= min(0.4 * rates.min(), 0.25 / T)
+    by_motion = [
+        T * rate * np.array([[T * gamma, 1.0]]) for rate in np.geomspace(rates.min(), rates.max(), 12)
+    ]
+    ticks = [tick_matrix(-part, -T * k_I * part, 1.0, lag=late) for part in by_motion]
+    least = min(damping_ratio(z) for tick in ticks for z in np.linalg.eigvals(tick))
+    assert proposal.damping == pytest.approx(least, abs=1e-3)
+    assert least >= 0.58 - 1e-3
+    assert k_I > 0.98 * min(0.4 * rates.min(), 0.25 / T) or least < 0.6
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

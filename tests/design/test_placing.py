@@ -10,14 +10,15 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, InfeasibleMotionError
 from coop_pin.base.schema.pose import Pose
-from coop_pin.base.spatial import inverse_pose
+from coop_pin.base.spatial import inverse_pose, log3
 from coop_pin.cli import main
 from coop_pin.description.cell.grasp import JointGrasp
 from coop_pin.description.thresholds import TrustThresholds
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.design.named_arms import RobotFiles, named_arms
 from coop_pin.design.new_cell import new_cell
-from coop_pin.design.placing.drafts import searches
+from coop_pin.design.placing.contacts import Shoulders, contacts
+from coop_pin.design.placing.drafts import calmer_motions, searches
 from coop_pin.design.placing.workspace import common_places
 from coop_pin.feasibility import maximum_reach, reachability
 from coop_pin.feasibility.motion_feasibility import joint_heights
@@ -179,3 +180,82 @@ def test_a_new_cell_says_which_bases_it_raised():
     height = suggestion.scenario.cell.arms["left"].base.xyz[2]
     assert any(f"left by {height:g} m, right by {height:g} m" in change for change in suggestion.changes)
     assert suggestion.findings().ok
+
+
+BOX, BAR = cp.Payload.box(1.0, (0.4, 0.2, 0.1)), cp.Payload.box(1.0, (0.6, 0.1, 0.08))
+DISC = cp.Payload(mass=1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0), shape="cylinder", size=(0.3, 0.3, 0.2))
+S = np.sqrt(0.75)
+
+
+@pytest.mark.parametrize(
+    ("payload", "count", "side", "layout", "points", "approaches", "degrees"),
+    [
+        (BOX, 2, "sides", "facing", [(-0.2, 0, 0), (0.2, 0, 0)], [(1, 0, 0), (-1, 0, 0)], (180, 360)),
+        (BOX, 2, "above", "facing", [(-0.16, 0, 0.05), (0.16, 0, 0.05)], [(0, 0, -1)] * 2, (180, 360)),
+        (
+            *(DISC, 3, "sides", "facing", [(-0.15, 0, 0), (0.075, -0.15 * S, 0), (0.075, 0.15 * S, 0)]),
+            *([(1, 0, 0), (-0.5, S, 0), (-0.5, -S, 0)], (180, 300, 420)),
+        ),
+        (
+            *(BOX, 3, "sides", "side-by-side", [(-0.2, 0, 0), (0, -0.1, 0), (0.2, 0, 0)]),
+            *([(1, 0, 0), (0, 1, 0), (-1, 0, 0)], (-150, -90, -30)),
+        ),
+        (
+            *(BOX, 2, "ahead", "side-by-side", [(-0.2, 0, 0), (0.2, 0, 0)]),
+            *([(0.5, S, 0), (-0.5, S, 0)], (-120, -60)),
+        ),
+        (BOX, 2, "sides", "one-base", [(-0.2, 0, 0), (0.2, 0, 0)], [(1, 0, 0), (-1, 0, 0)], (-90, -90)),
+        (
+            *(BAR, 3, "sides", "facing", [(-0.3, 0, 0), (0, -0.05, 0), (0.3, 0, 0)]),
+            *([(1, 0, 0), (0, 1, 0), (-1, 0, 0)], (-180, -90, 0)),
+        ),
+        (
+            *(BAR, 4, "sides", "facing", [(-0.3, 0, 0), (-0.3 / np.sqrt(3.0), -0.05, 0)]),
+            *([(1, 0, 0), (0.5, S, 0)], (-180, -120)),
+        ),
+    ],
+)
+def test_contacts_are_around_a_payload_or_along_its_side(
+    payload, count, side, layout, points, approaches, degrees
+):
+    found = [*contacts(payload, count, side, layout)]
+    assert len(found) == count
+    for contact, point, approach, around in zip(found, points, approaches, degrees, strict=False):
+        assert_allclose(contact.point, point, atol=1e-12)
+        assert_allclose(contact.approach, approach, atol=1e-12)
+        assert_allclose(np.degrees(contact.around), around, atol=1e-9)
+        assert contact.one_base == (layout == "one-base")
+
+
+@pytest.mark.parametrize("robot", ["adept_3dof", "ur5"])
+def test_a_robot_stands_with_its_shoulders_before_the_payload(robot):
+    """At a distance along their forward direction, to the payload; its lowest link on the ground."""
+    named = named_arms([robot] * 2, (), RobotFiles())
+    left, _ = searches(named, BOX, "sides", "facing")
+    origin = Shoulders(np.array((0.1, -0.05, 0.9)), np.array((0.6, 0.8, 0.0)), -0.2)
+    X_WB = left.base(0.5, 0.3, origin).matrix
+    middle, forward = X_WB[:3, :3] @ origin.middle + X_WB[:3, 3], X_WB[:3, :3] @ origin.forward
+    assert_allclose(middle[:2], (-0.5, 0.0), atol=1e-3)
+    assert_allclose(forward, (1.0, 0.0, 0.0), atol=1e-5)
+    assert X_WB[2, 3] == 0.2
+
+
+def test_each_motion_is_calmer_than_that_before():
+    """Half of the stroke in x and y, the lift in z; then without a turn, half and a quarter as far."""
+    start = Pose(xyz=(0.0, 0.1, 0.3))
+    lines = calmer_motions("line", start, 0.08, 0.05)
+    goals = [motion["goal"] for name, motion in lines.items() if name != "at rest"]
+    ways, lifts = np.array((0.04, 0.04, 0.02, 0.01)), (0.05, 0.05, 0.025, 0.0125)
+    assert_allclose([goal.xyz for goal in goals], np.stack((ways, 0.1 + ways, 0.3 + np.array(lifts)), axis=1))
+    assert [goal.rpy[2] for goal in goals] == [0.15, 0.0, 0.0, 0.0]
+    circles = calmer_motions("circle", start, 0.08, 0.05)
+    assert [motion.get("radius") for motion in circles.values()] == [0.02, 0.01, None]
+    assert [*calmer_motions("hold", start, 0.08, 0.05)] == [*lines][-1:] == [*circles][-1:] == ["at rest"]
+
+
+def test_a_tool_is_turned_by_quarters_about_its_approach():
+    placement, _ = searches(named_arms(["ur5"] * 2, (), RobotFiles()), BOX, "sides", "facing")
+    first, *others = (hold.grasp.matrix[:3, :3] for hold in placement.holds)
+    turns = [log3(R @ first.T) / (np.pi / 2.0) for R in others]  # about x, along which the left arm reaches
+    assert_allclose(np.abs(turns), [(1, 0, 0), (2, 0, 0), (1, 0, 0)], atol=1e-5)
+    assert (turns[0][0], turns[2][0]) == pytest.approx((1.0, -1.0), abs=1e-5)

@@ -17,6 +17,7 @@ from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.cli import main
 from coop_pin.control import PostureGains
 from coop_pin.design import gain_proposal
+from coop_pin.design.tuning_rule import damped
 from coop_pin.feasibility import MotionWrenches, closure_problem, reachability
 from coop_pin.model import CellArm
 from coop_pin.simulation.build_controller import build_controller
@@ -149,6 +150,33 @@ def test_the_bounds_hold_along_the_motion(name):
     assert k_I * T <= 0.25
     assert k_I <= np.min(every) / 2.0
     assert proposal.lambda_min <= np.min(every) * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize(("alone", "least"), [(1.0, 0.58), (0.5, 0.495)])
+def test_pose_gain_and_integral_are_lowered_together_until_modes_are_damped(alone, least):
+    """A damping ratio that falls evenly with both, from that of the damping alone: 0.58, or 0.99 of that."""
+    gamma, k_I = damped(lambda by_pose, by_integral: alone - by_pose - by_integral, 60.0, 40.0, 0.01)
+    part = gamma / 60.0
+    assert k_I / 40.0 == pytest.approx(part)
+    assert alone - part >= least > alone - part / 0.99
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_lags_take_their_part_of_the_tick_and_every_row_has_the_same(name):
+    """T lambda_max(A^-1 K) = 0.9 T / (T + 2 lag), with K_jj (A^-1)_jj alike, the largest along the motion."""
+    scenario = cp.Scenario.load(name)
+    lag = 0.5 * scenario.clock.period
+    scenario = scenario.override({"actuators.lag": lag})
+    found = reachability(scenario, poses=3)
+    proposal = gain_proposal(scenario, found)
+    K, T = np.array(proposal.gains.sliding_gain), 1.0 / proposal.rate_hz
+    last = len(found.arms[0].times) - 1
+    mobilities = [closed_chain_mobility(scenario, found, at) for at in range(last + 1)]
+    parts = K * np.max([np.diag(one) for one in mobilities], axis=0)
+    np.testing.assert_allclose(parts, parts[0], rtol=0.01)
+    largest = max(np.linalg.eigvals(one * K).real.max() for one in mobilities)
+    assert 0.985 * 0.9 < (T + 2.0 * lag) * largest <= 0.9 * (1.0 + 1e-6)
+    assert proposal.t_lambda_max == pytest.approx(T * largest, rel=0.01)
 
 
 def test_the_suggested_scenario_runs_as_expected_and_survives_its_file(suggestion):

@@ -7,9 +7,12 @@ import pinocchio as pin
 import pytest
 from cells import SCENARIOS, cell_and_start, kkt_of, random_velocity
 from close import assert_close
+from lifts import planar_cell, spatial_cell
 from linkages import bar, joint, robot
 from numpy.testing import assert_allclose
+from rollers import rolling_cell
 
+from coop_pin.actuators import SharedJoint
 from coop_pin.base.errors import NameNotFoundError, OpenClosureError, UnreachablePoseError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import internal_wrenches, inverse_pose, load_wrenches, make_pose, rotate_vector6
@@ -494,3 +497,30 @@ def test_of_two_doors_on_one_hinge_only_the_moment_about_it_is_determined(payloa
     own = 1.0 / 3.0  # of each door about the hinge
     turn = 2.0 / (2.0 * own + cell.payload.inertia[2])
     assert_close(moments, [own * turn - 3.0, own * turn + 1.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("payload", ["welded", "free"])
+@pytest.mark.parametrize("kind", ["planar lift", "spatial lift", "planar wheels", "spatial wheels"])
+def test_what_joints_under_arms_hold_and_move_is_that_of_a_payload_in_parts(kind, payload, tmp_path):
+    """Each arm with its share of the payload fixed to its hand: gravity, and the diagonal of M."""
+    make, joints = {"planar": (planar_cell, ("rail", "yaw")), "spatial": (spatial_cell, ("lift", "yaw"))}[
+        kind.split()[0]
+    ]
+    if kind.endswith("wheels"):
+        cell = rolling_cell(kind.split()[0]).replace(load_shares=SHARES)
+        X_WP = cell_and_start(kind.split()[0])[1]
+    else:
+        cell = make(tmp_path, **{joint: SharedJoint() for joint in joints})
+        X_WP = cell.payload_pose.matrix
+    chain, P = CellChain(cell, PlantOptions(payload=payload)), pin.SE3(X_WP)
+    q, model = chain.configuration(X_WP), chain.model.model.copy()
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    model.inertias[chain.model.payload_joint] = chain.model.carrier_inertia
+    for slot, c in zip(chain.model.arms, cell.shares, strict=True):
+        part = pin.Inertia(c * cell.payload.mass, np.zeros(3), c * cell.payload.inertia_matrix)
+        model.appendBodyToJoint(slot.joints[-1], part, data.oMi[slot.joints[-1]].actInv(P))
+    rows, data = [slot.v_slice.start for slot in chain.model.shared], model.createData()
+    holding, inertia = chain.shared_statics(q, chain.loads(q))
+    assert_allclose(holding, pin.computeGeneralizedGravity(model, data, q)[rows], atol=1e-8)
+    assert_allclose(inertia, np.diag(pin.crba(model, data, q))[rows], rtol=1e-8)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from lifts import planar_cell, spatial_cell
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
+from coop_pin.actuators import SharedJoint
 from coop_pin.base.errors import ArgumentError, CoopPinError, FieldError
 from coop_pin.compiled import support
 from coop_pin.description.plant import PlantOptions
@@ -129,6 +132,37 @@ def test_stuck_points_are_the_gradient_of_their_energy_and_only_dampers_take_pow
     damped, stored = points.forces(x, v, roots, within)
     dissipated = points.damping @ v[:, 2] ** 2 + points.shear_damping @ (v[:, :2] ** 2).sum(axis=1)
     assert_allclose((damped * v).sum() + stored, -dissipated, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial"])
+def test_damping_of_a_patch_is_its_ratio_of_the_mobility_between_both_bodies(name, tmp_path):
+    """2 zeta sqrt(k / W); torso and lift move both the palm and the payload that the other arm holds."""
+    make, joints = {"planar": (planar_cell, ("rail", "yaw")), "spatial": (spatial_cell, ("lift", "yaw"))}[
+        name
+    ]
+    cell = make(tmp_path, **{joint: SharedJoint() for joint in joints})
+    palm = cp.PatchGrasp(xyz=(0.15, 0.01, 0.0), press="-x", mu=MU, radius=0.02, face=(0.1, 0.1))
+    cell = cell.replace(grasps={"left": cell.grasps["left"], "right": palm})
+    chain = CellChain(cell)
+    model = chain.mechanism.model
+    q = pin.integrate(model, pin.neutral(model), np.random.default_rng(6).normal(size=model.nv))
+    chain.patches.damp(q)
+    data = model.createData()
+    M = np.triu(pin.crba(model, data, q))
+    M += np.triu(M, 1).T
+    frames = chain.model.arms[1].tip, model.getFrameId("payload/right")
+    J_tip, J_face = (
+        pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED) for frame in frames
+    )
+    pin.framesForwardKinematics(model, data, q)
+    X_tip, X_face = (data.oMf[frame] for frame in frames)
+    lever = pin.skew(X_tip.translation - X_face.translation)
+    J = (X_face.rotation @ palm.plane[:3, :3]).T @ (J_tip[:3] - J_face[:3] + lever @ J_face[3:])
+    W = np.diag(J @ np.linalg.solve(M, J.T))
+    points, zeta = chain.patches.points, palm.damping_ratio
+    assert_allclose(points.damping.sum(), 2.0 * zeta * np.sqrt(palm.stiffness / W[2]), rtol=1e-9)
+    shear = 2.0 * zeta * np.sqrt(palm.shear_stiffness / W[:2].mean())
+    assert_allclose(points.shear_damping.sum(), shear, rtol=1e-9)
 
 
 @pytest.mark.parametrize("size", [(0.04, 0.04), (0.1, 0.02), (0.03, 0.12)])

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from joint_cells import FIVE_JOINTS, H, bias_wrenches, four_bar, jointed, upright
 from numpy.testing import assert_allclose
+from scipy.linalg import null_space
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError
@@ -21,8 +22,14 @@ from coop_pin.base.spatial.grasp_rows import (
 )
 from coop_pin.control.grasp_space import gains_in_grasp
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
+from coop_pin.design.grasp_gains import with_joint_gains
+from coop_pin.design.posture_gains import base_posture_gains, rounded_down
+from coop_pin.feasibility import reachability
 from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.grasps import CellChain
+from coop_pin.model import CellArm
+from coop_pin.stability.modes import damping_ratio
+from coop_pin.stability.sampled_motion import tick_matrix
 from coop_pin.stability.sampled_stability import sampled_stability
 from coop_pin.viz.frames import run_samples, strut_columns
 
@@ -445,6 +452,36 @@ def test_sampled_damping_is_that_of_the_gains_that_the_payload_feels_beyond_a_tu
 
 
 @pytest.mark.gate
+def test_gains_beside_joints_leave_lags_their_part_of_the_tick():
+    """(T + 2 lag) lambda_max = 0.9 of what the payload feels at rest; gamma and k_I by lambda_min."""
+    scenario = cp.Scenario.load(FIVE_JOINTS, {"events": []})
+    T, lag = scenario.clock.period, 0.5 * scenario.clock.period
+    scenario = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start))
+    scenario = scenario.override({"actuators.lag": lag})
+    proposed, _ = with_joint_gains(scenario, reachability(scenario, poses=3))
+    chain, cell, gains = CellChain(scenario.cell), scenario.cell, proposed.controller.gains
+    q = chain.configuration(scenario.start.matrix)
+    reduced = chain.mechanism.reduced_dynamics(q, np.zeros(chain.mechanism.model.nv))
+    JN = chain.payload_jacobian(q) @ reduced.coordinates.null_space
+    K = gains.sized(6, 0).sliding_gain
+    parts = zip(cell.shares, cell.transmitted(), strict=True)
+    felt = sum(c * B @ np.linalg.inv(B.T @ np.linalg.inv(K) @ B) @ B.T for c, B in parts)
+    rates = np.linalg.eigvals(JN @ np.linalg.solve(reduced.mass_matrix, JN.T) @ felt).real
+    rates = rates[rates > 1e-6 * rates.max()]
+    assert 0.99 * 0.9 < (T + 2.0 * lag) * rates.max() <= 0.9 * (1.0 + 1e-6)
+    gamma, k_I = float(np.max(gains.pose_gain)), np.max(gains.sign_gain) / proposed.controller.switching.width
+    assert gamma <= rates.min() / 4.0 * (1.0 + 1e-6)
+    assert k_I <= min(rates.min() / 2.0, 0.25 / T) * (1.0 + 1e-6)
+    by_motion = [
+        T * rate * np.array([[T * gamma, 1.0]]) for rate in np.geomspace(rates.min(), rates.max(), 12)
+    ]
+    ticks = [tick_matrix(-part, -T * k_I * part, 1.0, lag=lag / T) for part in by_motion]
+    least = min(damping_ratio(z) for tick in ticks for z in np.linalg.eigvals(tick))
+    assert least >= 0.58 - 1e-3
+    assert gamma > 0.98 * rates.min() / 4.0 or least < 0.6
+
+
+@pytest.mark.gate
 def test_a_proposal_beside_joints_is_stable_by_half_and_damps_the_light_wrist():
     scenario = cp.Scenario.load("adept-hinges").override({"controller.posture.damping": 8.0})
     proposed = cp.suggest(scenario, poses=11)
@@ -463,6 +500,36 @@ def on_bases() -> cp.Scenario:
     With a tenth of their spring as well, all bases swing at 0.78 rad/s and press each other with 1.08 N.
     """
     return jointed("three-driven-ur5", {"arm1": "hinge"}, **{"cell.split_length": 0.3})
+
+
+@pytest.mark.parametrize("T", [0.002, 0.05])
+def test_postures_on_bases_damp_each_drive_by_its_own_inertia(T):
+    """D_j = min(80, s M_jj), (T + 2 lag) lambda_max = 0.9; K_j = min(160, D_j / (5 T)); none of the bases."""
+    scenario = on_bases().override({"actuators.lag": 0.003})
+    cell_reach, poses = reachability(scenario, poses=3), []
+    for reach in cell_reach.arms:
+        arm = CellArm(scenario.cell, reach.arm)
+        for q in reach.q:
+            M = arm.from_drive.T @ arm.mass_matrix(q) @ arm.from_drive
+            poses.append((null_space(arm.task_jacobian(q)), M))
+    least = np.min([np.diag(M) for _, M in poses], axis=0)
+    least[:3] = 0.0  # of the base
+    largest = max(
+        np.linalg.eigvals(np.linalg.solve(U.T @ M @ U, U.T @ np.diag(least) @ U)).real.max() for U, M in poses
+    )
+    damping = np.minimum(80.0, 0.9 / ((T + 2.0 * 0.003) * largest) * least)
+    gains = base_posture_gains(scenario, cell_reach, T)
+    assert_allclose(gains.damping, damping, rtol=0.01, atol=0)
+    assert (np.array(gains.damping) <= damping * (1.0 + 1e-9)).all()
+    stiffness = np.minimum(160.0, np.array(gains.damping) / (5.0 * T))
+    assert_allclose(gains.stiffness, stiffness, rtol=0.01, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(0.123456, 0.123), (98765.0, 98700.0), (0.9, 0.9), (4.99999, 4.99), (1e-6, 1e-6)]
+)
+def test_gains_are_rounded_down_to_three_digits(value, expected):
+    assert rounded_down(value) == expected
 
 
 @pytest.mark.slow

@@ -9,11 +9,16 @@ import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError, InfeasibleMotionError, ScenarioError
 from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.cell.grasp import ToolTip
+from coop_pin.design.grasp_gains import with_tool_gains
+from coop_pin.feasibility import reachability
 from coop_pin.grasps import CellChain
+from coop_pin.model import CellArm
 from coop_pin.reference.motions import CircleMotion, SwingMotion
 from coop_pin.reference.pose_reference import PoseReference, check_consistency
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.stability import eigenvalues, steady_errors
+from coop_pin.stability.modes import damping_ratio
+from coop_pin.stability.sampled_motion import tick_matrix
 from coop_pin.stability.sampled_stability import sampled_stability
 
 SHORT = {"planar": 1.2, "spatial": 0.4}
@@ -269,3 +274,41 @@ def test_gains_of_single_arms_hold_where_those_of_the_cell_do_not(cell):
     report = cp.check(suggested.scenario, poses=5)
     assert not report.of("error"), report.summary()
     assert "beside tools" in report.summary()
+
+
+@pytest.mark.parametrize("rho", [0.5, 2.0])
+@pytest.mark.parametrize("cell", NAMES)
+@pytest.mark.parametrize("lag", [0.0, 0.8])
+def test_proposed_gains_are_parts_of_each_arms_inertia(cell, rho, lag):
+    """G_i = kappa / (T max(1, rho)) Lambda_i at the start; k_I and gamma by the damping of their modes."""
+    scenario = two_things(cell, rho=rho, **{"actuators.lag": lag / RATES[cell]})
+    proposed, _ = with_tool_gains(scenario, reachability(scenario, poses=3))
+    law, T, payload = proposed.controller, scenario.clock.period, scenario.cell.payload
+    rows, kappa = list(scenario.cell.task_rows.indices), 0.5 / (1.0 + 2.0 * lag)
+    Q = np.kron(np.eye(2), scenario.start.matrix[:3, :3])[np.ix_(rows, rows)]
+    spread, held = [], []
+    for name, c in zip(scenario.cell.arms, scenario.cell.gain_shares, strict=True):
+        arm = CellArm(scenario.cell, name)
+        q = cp.solve_ik(arm, scenario.start.matrix, posture=scenario.cell.arms[name].posture)
+        J = arm.rows.select(arm.payload_jacobian(q))
+        Lambda = Q.T @ np.linalg.inv(J @ np.linalg.solve(arm.mass_matrix(q), J.T)) @ Q
+        G = c * np.array(law.arm_gains[name].sliding_gain)
+        spread.append(T * max(1.0, rho) * np.linalg.solve(Lambda, G))
+        if name not in scenario.cell.tools:
+            M_0 = np.zeros((6, 6))
+            M_0[:3, :3], M_0[3:, 3:] = payload.mass * np.eye(3), payload.inertia_matrix
+            held = np.linalg.eigvals(np.linalg.solve(M_0[np.ix_(rows, rows)] + Lambda, G)).real
+    of_arms = spread[0][0, 0]
+    assert 0.99 * kappa < of_arms <= kappa * (1.0 + 1e-9)
+    assert_allclose(spread, np.broadcast_to(of_arms * np.eye(len(rows)), np.shape(spread)), atol=2e-3 * kappa)
+    gains, slowest, fastest = law.gains, min(held) * min(1.0, rho), of_arms / T
+    gamma, k_I = float(np.max(gains.pose_gain)), np.max(gains.sign_gain) / law.switching.width
+    assert_allclose(k_I / gamma, 4.0, rtol=0.02)
+    assert gamma <= 0.1 * slowest
+    by_motion = [T * rate * np.array([[T * gamma, 1.0]]) for rate in np.geomspace(slowest, fastest, 12)]
+    ticks = [tick_matrix(-part, -T * k_I * part, 1.0, lag=lag) for part in by_motion]
+    least = min(damping_ratio(z) for tick in ticks for z in np.linalg.eigvals(tick))
+    assert least >= 0.58 - 1e-3
+    assert gamma > 0.098 * slowest or least < 0.6
+    assert gains.transient_rate == pytest.approx(2.0 * gamma)
+    assert {one.leak for one in law.arm_gains.values()} == {0.0}  # nothing to pull against

@@ -528,6 +528,24 @@ def test_an_admittance_grows_below_its_least_damping_and_decays_above(name, arms
     assert below[1] > 3.0 * below[0]
 
 
+@pytest.mark.parametrize(
+    "path",
+    [{"kind": "late", "delay": 2}, pytest.param({"kind": "low-pass", "pole": 0.4}, marks=pytest.mark.gate)],
+)
+@pytest.mark.parametrize("name", by_default(SCENARIOS, "planar"))
+def test_the_radius_of_an_admittance_is_that_of_the_linearised_tick(name, path):
+    """With springs to the reference, an integral in the servos, and messages that come late or filtered."""
+    damping = np.where(np.array(rows_of(name)) < 3, 3000.0, 60.0)
+    gains = {"controller.gains.admittance_stiffness": (0.5 * damping).tolist()}
+    still = gains | {"controller.force_path": path, "actuators.servo.integral_rate": 5.0}
+    scenario = yielding_pair(name, damping.tolist(), **{BIAS: [0.0, 0.0, 0.0]}).override(still)
+    scenario = scenario.override({f"cell.arms.{arm}.friction": "none" for arm in scenario.cell.arms})
+    found = cp.stability.admittance_stability(scenario)
+    assert_allclose(found.radius, cp.stability.eigenvalues(scenario).radius, rtol=0, atol=1e-9)
+    edge = scenario.override({"controller.gains.admittance_damping": (found.least * damping).tolist()})
+    assert_allclose(cp.stability.eigenvalues(edge).radius, 1.0, rtol=0, atol=1e-6)
+
+
 def test_what_the_least_damping_is_not_known_of_is_refused():
     pair = yielding_pair("planar", 1e3)
     for other, reason in (

@@ -11,7 +11,7 @@ import coop_pin as cp
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.feasibility import reachability
 from coop_pin.stability import forecast
-from coop_pin.stability.forecast import slower_motion, worst_error
+from coop_pin.stability.forecast import Errors, Forecast, allowed_errors, slower_motion, worst_error
 
 SMALL = {"position": 5e-5, "force": 0.1}
 """Errors below which a forecast need not be within a factor of two, m and N."""
@@ -157,3 +157,34 @@ def test_a_motion_is_slowed_by_the_least_factor_that_keeps_the_task(kind):
         assert slower_motion(refused, expected, poses, part) == ({}, expected)
     at_rest = expected._replace(at_rest=expected.at_rest._replace(position=1.0))
     assert slower_motion(cell, at_rest, poses, part) == ({}, at_rest)
+
+
+def test_what_the_task_allows_is_its_limits_or_parts_of_the_squeeze():
+    """The larger of a limit and a part of the largest force or moment of an arm; patches bear any moment."""
+    squeeze = {
+        "left": (-6.0, 8.0, 0.0, 0.0, 0.0, -0.3),
+        "right": (6.0, -8.0, 0.0, 0.0, 0.0, 0.3),
+    }
+    scenario = cp.Scenario.load("adept-anchored", {"squeeze": squeeze, "events": []})
+    for limits, force, moment in (
+        (
+            {"task.force": 0.5, "task.force_share": 0.2, "task.moment": 0.05, "task.moment_share": 0.1},
+            2.0,
+            0.05,
+        ),
+        (
+            {"task.force": 3.0, "task.force_share": 0.2, "task.moment": 0.01, "task.moment_share": 0.1},
+            3.0,
+            0.03,
+        ),
+    ):
+        changed = scenario.override(limits | {"task.position": 2e-3, "task.orientation": 0.02})
+        assert allowed_errors(changed) == pytest.approx((2e-3, 0.02, force, moment))
+    expected = Forecast(Errors(1e-3, 0.019, math.nan, 0.0), Errors(1.5e-3, 0.001, 0.4, 0.01))
+    value, limit, words = worst_error(changed, expected)
+    assert (value, limit) == (0.019, 0.02)
+    assert words.startswith("angle")
+    assert worst_error(changed, Forecast()) == (0.0, 1.0, "")
+    positional = cp.Scenario.load("five-joint-pair")
+    assert allowed_errors(positional).angle == math.inf
+    assert allowed_errors(cp.Scenario.load("two-pandas-palms")).moment == math.inf

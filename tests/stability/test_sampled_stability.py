@@ -9,9 +9,10 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 from close import assert_close
 from damping import damping_and_inertia
+from joint_cells import FIVE_JOINTS
 from numpy.testing import assert_allclose
 from random_cells import random_cell
-from scipy.linalg import eigvalsh
+from scipy.linalg import eigvalsh, expm
 
 import coop_pin as cp
 from coop_pin.base.errors import CoopPinError, DivergedError, ScenarioWarning
@@ -30,7 +31,8 @@ from coop_pin.stability import (
     sampled_stability,
     step_stability,
 )
-from coop_pin.stability.sampled_stability import delayed_factor
+from coop_pin.stability.sampled_motion import tick_matrix
+from coop_pin.stability.sampled_stability import configurations_along, delayed_factor
 from coop_pin.stability.step_stability import REAL_STABILITY
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
@@ -219,6 +221,21 @@ def test_in_space_it_is_that_of_a_cell_that_starts_there():
     there = scenario.replace(start=X, motion={"kind": "hold", "pose": X})
     assert_allclose(sampled_stability(there).value, found.value, rtol=1e-4)
     assert found.value >= sampled_stability(scenario).value - 1e-9
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box", FIVE_JOINTS])
+def test_configurations_along_a_motion_hold_the_payload_where_it_is_then(name):
+    """Arms of five joints on hinges, too, which do not see how far the payload has turned."""
+    scenario = cp.Scenario.load(name, {"events": []})
+    goal = scenario.start.replace(rpy=np.add(scenario.start.rpy, (0.0, 0.0, 0.1)))
+    turn = cp.motions.LineMotion(start=scenario.start, goal=goal, start_time=0.1, duration=1.0)
+    scenario = scenario.replace(motion=turn, duration=1.2)
+    run, reach = Simulation(scenario, build_controller(scenario)), reachability(scenario, poses=5)
+    along = configurations_along(run, reach, 4)
+    assert along[0][0] == 0.0 < along[-1][0]
+    for time, q in along:
+        expected = scenario.payload_motion.at(time).X_WP_d
+        assert_allclose(run.chain.payload_pose(q), expected, rtol=0, atol=1e-8)
 
 
 def test_a_funnel_is_looked_at_until_its_end():
@@ -457,6 +474,36 @@ def test_at_a_fast_rate_its_modes_are_those_of_continuous_time(cell, lag):
     found = loop_of(scenario)
     assert_allclose(2e4 * np.log(found.radius), slowest, rtol=0.01, atol=0.003)
     assert found.ok == (slowest < 0.0)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_lags_beyond_a_second_are_not_looked_at(cell):
+    """s^2 lag + s + lambda decays with any lag; of gamma = 0.1 and no integral."""
+    gains = {"controller.gains.pose_gain": 0.1, "controller.gains.sign_gain": 0.0}
+    scenario = pushed(cell, 0.0).override(gains | {"cell.gravity": [0.0, 0.0, 0.0]})
+    assert loop_of(scenario).largest_lag == 1.0
+
+
+@pytest.mark.parametrize("lag", [0.0, 2e-3, 0.1])
+def test_a_tick_with_a_lag_is_that_of_a_matrix_exponential(lag):
+    """y' = w, w' = b, lag b' = u - b, with u held; the integral in what H reaches, and an estimate."""
+    n, T, rng = 3, 0.01, np.random.default_rng(7)
+    G, velocity = rng.normal(size=(n, 2 * n)), rng.normal(size=(2, 3))
+    U = np.linalg.qr(rng.normal(size=(n, 2)))[0]
+    H = U @ rng.normal(size=(2, 2 * n))
+    tick = tick_matrix(G, H, T, lag=lag, velocity=velocity)
+    reached = np.linalg.svd(H)[0][:, :2]
+    y, w, b, h, e = np.split(x := rng.normal(size=4 * n + 2), np.cumsum((n, n, n, 2)))
+    seen = np.stack((y, w, e))
+    measured = np.concatenate((y, velocity[0] @ seen))
+    u = G @ measured + reached @ h
+    flow = np.zeros((4, 4))
+    flow[0, 1] = flow[1, 2] = 1.0
+    if lag:
+        flow[2] = (0.0, 0.0, -1.0 / lag, 1.0 / lag)
+    moved = expm(T * flow) @ np.stack((y, w, b if lag else u, u))
+    expected = (*moved[:2], moved[2] if lag else u, h + reached.T @ H @ measured, velocity[1] @ seen)
+    assert_allclose(tick @ x, np.concatenate(expected), rtol=0, atol=1e-12)
 
 
 def test_sgn_has_no_linear_integral_and_check_says_the_lag(tmp_path, capsys):

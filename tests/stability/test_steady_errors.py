@@ -20,6 +20,7 @@ from coop_pin.feasibility import force_reserve, reachability
 from coop_pin.stability import anchor_biases, steady_errors
 
 GAMMA, K, K_I, RATE = 2.0, 800.0, 5.0, 80.0
+NEEDS = ("Jacobians", "a model of arms and payload", "the regressors of arms and payload")
 UNMEASURED = {"controller.force_path": {"kind": "none"}}
 
 
@@ -138,6 +139,8 @@ def test_laws_in_joint_space_say_what_they_need_and_the_product_bound():
     assert (found.wrenches, found.delay, found.product) == (2, math.inf, 0.0)
     filtered = {"controller.force_path": {"kind": "low-pass"}, "controller.gains.force_gain": 9.0}
     assert 0 <= errors(filtered, scenario="adept-paper").delay < 10
+    needs_model = {needs: "no model" not in found._replace(needs=needs).summary() for needs in NEEDS}
+    assert needs_model == {needs: "arms and payload" in needs for needs in NEEDS}
 
 
 @pytest.mark.parametrize("seed", range(5))
