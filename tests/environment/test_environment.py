@@ -219,6 +219,8 @@ def test_the_last_action_ends_with_the_run():
     while not is_last:
         is_last = env.step(np.zeros(env.action_space.shape))[3]
     assert env.simulation.ticks_done == env.simulation.timeline.ticks + 1
+    with pytest.raises(InvalidStateError):
+        env.step(np.zeros(env.action_space.shape))
 
 
 def test_one_lane_is_the_default_and_is_a_single_run():
