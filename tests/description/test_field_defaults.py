@@ -1,4 +1,4 @@
-"""Defaults of fields, which users read on a page of their own, and the ends of their ranges."""
+"""Numbers of fields: defaults, which users read on a page of their own, ends of ranges, and named values."""
 
 import inspect
 import json
@@ -7,10 +7,13 @@ import re
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 import coop_pin as cp
+from coop_pin.base.errors import OutOfRangeError
 from coop_pin.description import (
     actuators,
     events,
@@ -155,3 +158,33 @@ def test_a_row_has_three_to_a_thousand_rods(rods, fits):
     else:
         with pytest.raises(ValidationError):
             count.validate_python(rods)
+
+
+@pytest.mark.parametrize(("name", "k"), [("paper", 300e3), ("firm", 30e3), ("soft", 5e3)])
+def test_a_named_stiffness_is_that_of_its_description(name, k):
+    """In rotation it is k times 1/100 m^2."""
+    stiffness = cp.CompliantGrasp(stiffness=name).stiffness
+    assert_allclose(stiffness, k * np.repeat((1.0, 0.01), 3), rtol=1e-12)
+
+
+def test_measured_stiffness_is_load_over_deflection():
+    grasp = cp.CompliantGrasp.measured((20, 20, 20, 1, 1, 1), (4e-3, -4e-3, 2e-3, 0.02, 0.02, 0.01))
+    assert_allclose(grasp.stiffness, (5e3, 5e3, 1e4, 50.0, 50.0, 100.0))
+    with pytest.raises(OutOfRangeError, match=r"deflection\[2\]"):
+        cp.CompliantGrasp.measured((20, 20, 20, 1, 1, 1), (4e-3, 4e-3, 0.0, 0.02, 0.02, 0.01))
+
+
+@pytest.mark.parametrize("command", ["velocity", "position"])
+def test_named_servos_have_the_numbers_of_the_manuals(command):
+    """Of Universal Robots 500 Hz and 180 degrees a second; of Franka the joint limits of its Panda."""
+    ur, franka = (servo.SERVOS[f"{robot}-{command}"] for robot in ("ur", "franka"))
+    assert (ur.rate_hz, ur.speed_limit, ur.acceleration_limit) == (500.0, math.pi, None)
+    assert (franka.rate_hz, franka.speed_limit) == (1000.0, (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61))
+    assert franka.acceleration_limit == (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+    assert {each.command for each in (ur, franka)} == {command}
+
+
+def test_the_named_servo_of_abb_takes_positions_at_250_hz():
+    abb = servo.SERVOS["abb-position"]
+    assert (abb.command, abb.rate_hz, abb.speed_limit) == ("position", 250.0, None)
+    assert "abb-velocity" not in servo.SERVOS
