@@ -172,6 +172,29 @@ def test_gazebo_elements_that_close_no_loop_are_none():
     assert "loop_unread" in codes
 
 
+SIZES = {
+    3: "origin xyz, origin rpy, axis xyz, box size, mesh scale",
+    1: "mass value, inertia ixx, inertia ixy, inertia ixz, inertia iyy, inertia iyz, inertia izz,"
+    " limit lower, limit upper, limit effort, limit velocity, mimic multiplier, mimic offset, dynamics damping, dynamics"
+    " friction, calibration rising, calibration falling, safety_controller soft_lower_limit,"
+    " safety_controller soft_upper_limit, safety_controller k_position, safety_controller k_velocity, sphere"
+    " radius, cylinder radius, cylinder length, capsule radius, capsule length",
+}
+"""Attributes by the number of their values in the XML specification of URDF."""
+
+
+@pytest.mark.parametrize(("size", "attributes"), SIZES.items())
+def test_an_attribute_has_the_number_of_values_of_the_specification(size, attributes):
+    for words in attributes.split(", "):
+        tag, attribute = words.split()
+        wrong = {}
+        for values in (size - 1, size, size + 1):
+            piece = f'<link name="d"><{tag} {attribute}="{" ".join(["1"] * values)}"/></link>'
+            codes = {each.code for each in check_urdf(arm(more=piece)).findings}
+            wrong[values] = bool(codes & {"count", "number"})
+        assert wrong == {size - 1: True, size: False, size + 1: True}, words
+
+
 def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):
     mesh = '<mesh filename="package://{}/part.stl"/>'
     visuals = "".join(
