@@ -175,10 +175,11 @@ def test_gazebo_elements_that_close_no_loop_are_none():
 SIZES = {
     3: "origin xyz, origin rpy, axis xyz, box size, mesh scale",
     1: "mass value, inertia ixx, inertia ixy, inertia ixz, inertia iyy, inertia iyz, inertia izz,"
-    " limit lower, limit upper, limit effort, limit velocity, mimic multiplier, mimic offset, dynamics damping, dynamics"
-    " friction, calibration rising, calibration falling, safety_controller soft_lower_limit,"
-    " safety_controller soft_upper_limit, safety_controller k_position, safety_controller k_velocity, sphere"
-    " radius, cylinder radius, cylinder length, capsule radius, capsule length",
+    " limit lower, limit upper, limit effort, limit velocity, mimic multiplier, mimic offset,"
+    " dynamics damping, dynamics friction, calibration rising, calibration falling,"
+    " safety_controller soft_lower_limit, safety_controller soft_upper_limit,"
+    " safety_controller k_position, safety_controller k_velocity, sphere radius, cylinder radius,"
+    " cylinder length, capsule radius, capsule length",
 }
 """Attributes by the number of their values in the XML specification of URDF."""
 
