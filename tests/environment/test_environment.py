@@ -213,16 +213,6 @@ def test_observations_and_rewards_are_those_of_the_record(name):
     np.testing.assert_allclose(rewards, -costs[1:], rtol=1e-12)
 
 
-def test_the_last_action_ends_with_the_run():
-    env, is_last = CellEnv(cell("planar"), Task(ticks=5)), False
-    env.reset()
-    while not is_last:
-        is_last = env.step(np.zeros(env.action_space.shape))[3]
-    assert env.simulation.ticks_done == env.simulation.timeline.ticks + 1
-    with pytest.raises(InvalidStateError):
-        env.step(np.zeros(env.action_space.shape))
-
-
 def test_one_lane_is_the_default_and_is_a_single_run():
     scenario, task = cell("planar"), Task(ticks=2, **EXACT)
     lanes, env = VectorCellEnv(scenario, task), CellEnv(scenario, task)
@@ -267,6 +257,17 @@ def test_actions_on_gains_are_laws_with_other_gains(name):
         CellEnv(scenario, Task("gains", scale=0.5, gains=("damping_gain",)))
     with pytest.raises(CoopPinError, match="CellEnv"):
         VectorCellEnv(scenario, task)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_action_takes_a_gain_beyond_the_bound_of_the_law(name):
+    """A force gain is below 1 on a path that is one tick late; 0.8 times 1.5 is not."""
+    scenario = cell(name, {"controller.gains.force_gain": 0.8})
+    with pytest.raises(CoopPinError, match="beyond_bound"):
+        scenario.override({"controller.gains.force_gain": 1.2})
+    env = CellEnv(scenario, Task("gains", scale=0.5, gains=("force_gain",)))
+    env.reset()
+    assert not env.step(np.ones(1))[2]
 
 
 @pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])

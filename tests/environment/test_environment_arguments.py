@@ -32,7 +32,7 @@ NAME = "coop_pin/Cell-v0"
 
 def cell(name):
     scenario = SCENARIOS[name]().replace(events=(), controller=ANCHORED[name])
-    changes = {"sensors.encoder": {"noise": 1e-5}, "duration": 16 * scenario.clock.period}
+    changes = {"sensors.encoder": {"noise": 1e-5}, "duration": 14 * scenario.clock.period}
     return scenario.override(changes)
 
 
@@ -99,6 +99,22 @@ def test_a_line_of_text_says_how_large_the_errors_are(name):
     lines.reset(seed=3)
     assert lines.render()[0] == text
     assert CellEnv(scenario).render() is None
+
+
+def test_the_last_action_ends_with_the_run(planar, lanes):
+    """After the tick of the reset there are 14: three actions of four ticks, and one of two."""
+    env = CellEnv(planar, render_mode="ansi")
+    for each in (env, lanes):
+        each.reset(seed=3)
+        action, ends = np.zeros(each.action_space.shape), []
+        while not np.any(ends):
+            ends.append(each.step(action)[3])
+        assert len(ends) == 4
+        assert np.all(ends[-1])
+        assert str(each.render()).strip("(')").startswith(f"t = {14 * planar.clock.period:.4f} s")
+        with pytest.raises(InvalidStateError):
+            each.step(action)
+    assert env.simulation.ticks_done == env.simulation.timeline.ticks + 1
 
 
 def test_the_line_of_text_has_the_time_of_the_last_tick_after_an_action(planar, lanes):
