@@ -22,8 +22,9 @@ from coop_pin.base.errors import UrdfError, UrdfWarning
 from coop_pin.description import urdf
 from coop_pin.description.urdf import UrdfFile, check_file, check_urdf, find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.find import example_folder
-from coop_pin.description.urdf.tree import MAX_DEPTH
-from coop_pin.description.urdf.xml import MAX_BYTES
+from coop_pin.description.urdf.inertia import impossible_bodies
+from coop_pin.description.urdf.tree import MAX_DEPTH, read_tree
+from coop_pin.description.urdf.xml import MAX_BYTES, read_document
 
 ARMS = ("panda", "ur3", "ur5", "ur10", "ur5_gripper", "kinova", "xarm7", "z1", "baxter", "so100", "so101")
 
@@ -437,6 +438,34 @@ def test_those_that_do_not_move_and_rounding_noise_are_warned_of(tmp_path):
             load_checked(_file(tmp_path, text))
         with pytest.raises(UrdfError, match=code):
             load_checked(_file(tmp_path, text), strict=True)
+
+
+@pytest.mark.parametrize("travel", [0.0, 0.03])
+def test_a_body_of_three_links_is_possible_where_their_sum_by_pinocchio_is(travel):
+    """An impossible link and two sound ones beyond fixed joints, or beyond a slide that is locked at 3 cm."""
+    rng, verdicts = np.random.default_rng(4), []
+    for _ in range(40):
+        X, more = pin.SE3.Identity(), ""
+        whole = pin.Inertia(2.5, np.array((0.1, 0.0, 0.0)), np.diag((0.02, 0.03, 0.056)))
+        for parent, child, kind in (("b", "d", "prismatic" if travel else "fixed"), ("d", "e", "fixed")):
+            m, p, rpy = rng.uniform(0.05, 1.0), 0.03 * rng.normal(size=3), rng.uniform(-1.0, 1.0, 3)
+            ixx, iyy, izz = 0.001 * rng.uniform(1.0, 1.4, 3)
+            more += (
+                f'<link name="{child}"><inertial><mass value="{m}"/><origin xyz="0 0.02 0"/>'
+                f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+                f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/><limit'
+                f' lower="0" upper="1" effort="1" velocity="1"/><origin xyz="{p[0]} {p[1]} {p[2]}"'
+                f' rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/></joint>'
+            )
+            X = X * pin.SE3(pin.rpy.rpyToMatrix(rpy), p)
+            X = X * pin.SE3(np.eye(3), np.array((0.0, 0.0, travel * (child == "d"))))
+            whole += X.act(pin.Inertia(m, np.array((0.0, 0.02, 0.0)), np.diag((ixx, iyy, izz))))
+        inertia = '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.056"/>'
+        tree = read_tree(read_document(arm(inertia=inertia, more=more).encode()))
+        I1, I2, I3 = np.linalg.eigvalsh(whole.inertia)
+        verdicts.append(bool(impossible_bodies(tree, {"to_d": travel} if travel else {})))
+        assert verdicts[-1] == (I3 > I1 + I2)
+    assert 5 < sum(verdicts) < 35
 
 
 def test_impossible_bodies_of_known_robots_are_not_warned_of_but_errors_when_strict():
