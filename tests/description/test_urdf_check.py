@@ -453,8 +453,9 @@ def test_a_body_of_three_links_is_possible_where_their_sum_by_pinocchio_is(trave
             more += (
                 f'<link name="{child}"><inertial><mass value="{m}"/><origin xyz="0 0.02 0"/>'
                 f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-                f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/><limit'
-                f' lower="0" upper="1" effort="1" velocity="1"/><origin xyz="{p[0]} {p[1]} {p[2]}"'
+                f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+                '<axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/>'
+                f'<origin xyz="{p[0]} {p[1]} {p[2]}"'
                 f' rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/></joint>'
             )
             X = X * pin.SE3(pin.rpy.rpyToMatrix(rpy), p)
