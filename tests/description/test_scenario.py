@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import SCENARIOS, planar_scenario, spatial_scenario
+from cells import ANCHORED, SCENARIOS, planar_scenario, spatial_scenario
 
 import coop_pin as cp
 from coop_pin.base import errors
@@ -656,3 +656,17 @@ def test_the_caption_keeps_what_was_replaced_in_a_run():
     scenario = planar_scenario()
     replaced = scenario.replace(summary=f"{scenario.summary}; squeeze replaced at t = 3 s", events=())
     assert replaced.caption == "squeeze replaced at t = 3 s; changed: no events"
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_force_gain_is_checked_with_the_delay_of_wrists(name):
+    """6 is below the bound (1 + p) / (1 - p) = 9 of a low-pass path, and above that of three ticks more."""
+    late = {"sensors.wrist": {"delay": 3}}
+    scenario, path = SCENARIOS[name]().replace(events=(), controller=ANCHORED[name]), "controller.force_path"
+    slow = scenario.override({path: {"kind": "low-pass", "pole": 0.8}})
+    with pytest.raises(errors.FieldError, match="force_gain"):
+        slow.override({"controller.gains.force_gain": 9.1})
+    prompt = slow.override({"controller.gains.force_gain": 6.0})
+    with pytest.raises(errors.FieldError, match="force_gain"):
+        prompt.override(late)
+    assert prompt.override(late | {"beyond_bound": True}).beyond_bound
