@@ -13,6 +13,7 @@ from coop_pin.base import errors
 from coop_pin.base.schema.changes import differences
 from coop_pin.description import scenario as scenario_module
 from coop_pin.description.network import Network
+from coop_pin.description.scenario_file import toml_text
 
 INSIST = {"beyond_bound": True}
 
@@ -670,3 +671,12 @@ def test_a_force_gain_is_checked_with_the_delay_of_wrists(name):
     with pytest.raises(errors.FieldError, match="force_gain"):
         prompt.override(late)
     assert prompt.override(late | {"beyond_bound": True}).beyond_bound
+
+
+def test_a_folder_that_does_not_exist_stays_as_it_is_stated_in_a_file_elsewhere(tmp_path):
+    """One that exists becomes the way from the folder of the file."""
+    (tmp_path / "robots" / "meshes").mkdir(parents=True)
+    there = str(tmp_path / "robots" / "meshes")
+    scenario = SCENARIOS["spatial"]().override({"cell.arms.left.package_dirs": ["no/such", there]})
+    table = tomllib.loads(toml_text(scenario, commented=False, folder=tmp_path / "robots"))
+    assert table["cell"]["arms"]["left"]["package_dirs"] == ["no/such", "meshes"]
