@@ -14,8 +14,9 @@ import contextlib
 with contextlib.suppress(ImportError):  # of the extra, which the environments ask for
     import gymnasium
 
-    gymnasium.register(
-        "coop_pin/Cell-v0",
-        f"{__name__}.cell_env:CellEnv",
-        vector_entry_point=f"{__name__}.vector_cell_env:VectorCellEnv",
-    )
+    if "coop_pin/Cell-v0" not in gymnasium.registry:  # it warns of a package that is loaded again
+        gymnasium.register(
+            "coop_pin/Cell-v0",
+            f"{__name__}.cell_env:CellEnv",
+            vector_entry_point=f"{__name__}.vector_cell_env:VectorCellEnv",
+        )

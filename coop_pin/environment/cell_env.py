@@ -101,7 +101,7 @@ class CellEnv(Env[Array, Array]):
             law = build_controller(self.task.retuned(run.scenario, action))
         run.controller = ActedLaw(*additions, law, self._law.kind)
         try:
-            for _ in range(min(self.task.ticks, run.timeline.ticks + 1 - run.ticks_done) or 1):
+            for _ in range(max(1, min(self.task.ticks, run.timeline.ticks + 1 - run.ticks_done))):
                 run.tick()
             observation, reward = self._outcome()
         except (DivergedError, SingularJacobianError) as error:

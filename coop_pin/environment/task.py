@@ -283,8 +283,9 @@ class Task:
         samples = computed(QUANTITIES, dict(observed.samples), shares, names)
         R_PW = np.swapaxes(observed.samples["payload_pose"][..., None, :3, :3], -1, -2)
         error = np.nan_to_num(samples["internal_wrench"] - samples["desired_internal_wrench"])
-        turned, lead = rotate_vector6(R_PW, error), error.shape[:-2]
-        parts = (observed.q, observed.v, samples["pose_error"], observed.twist_error)
-        observation = np.concatenate((*parts, turned.reshape(*lead, -1)), axis=-1)
+        lead = error.shape[:-2]
+        turned = rotate_vector6(R_PW, error).reshape(*lead, -1)
+        parts = (observed.q, observed.v, samples["pose_error"], observed.twist_error, turned)
+        observation = np.concatenate(parts, axis=-1)
         reward = -sum((w * metric(samples[quantity]) for w, quantity, metric in metrics), np.zeros(lead))
         return observation, reward

@@ -296,6 +296,20 @@ def test_the_summary_of_a_robot_has_its_masses(name, tmp_path):
     assert f"finger: {count + 1} joints from the root" in text
 
 
+def test_an_srdf_file_has_tips_of_chains_and_states_without_joints_of_several_values(tmp_path):
+    (tmp_path / "robot.srdf").write_text(
+        '<robot name="r"><group name="left"><chain base_link="base" tip_link="hand"/></group>'
+        '<group name="both"><joint name="a"/></group><group_state name="home" group="left">'
+        '<joint name="a" value="0.25"/><joint name="float" value="0 0 0 0 0 0 1"/>'
+        '<joint name="b" value="-1"/></group_state><group_state name="none" group="left"/></robot>'
+    )
+    srdf = Srdf.read(tmp_path / "robot.srdf")
+    assert srdf == ({"left": "hand"}, ({"a": 0.25, "b": -1.0}, {}))
+    assert srdf.posture(["b", "a"]) == (-1.0, 0.25)
+    with pytest.raises(UrdfError):
+        Srdf.read(tmp_path / "none.srdf")
+
+
 def test_an_srdf_names_two_arms_and_the_first_posture_that_is_none_of_zeros(tmp_path):
     """Of three chains of the same length, none is one of two; a state of other joints is no posture."""
     sides = ("left", "right", "third")

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cells import SCENARIOS, planar_scenario, spatial_scenario
+from cells import ANCHORED, SCENARIOS, planar_scenario, spatial_scenario
 
 import coop_pin as cp
 from coop_pin.base import errors
 from coop_pin.base.schema.changes import differences
 from coop_pin.description import scenario as scenario_module
 from coop_pin.description.network import Network
+from coop_pin.description.scenario_file import toml_text
 
 INSIST = {"beyond_bound": True}
 
@@ -656,3 +657,26 @@ def test_the_caption_keeps_what_was_replaced_in_a_run():
     scenario = planar_scenario()
     replaced = scenario.replace(summary=f"{scenario.summary}; squeeze replaced at t = 3 s", events=())
     assert replaced.caption == "squeeze replaced at t = 3 s; changed: no events"
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_force_gain_is_checked_with_the_delay_of_wrists(name):
+    """6 is below the bound (1 + p) / (1 - p) = 9 of a low-pass path, and above that of three ticks more."""
+    late = {"sensors.wrist": {"delay": 3}}
+    scenario, path = SCENARIOS[name]().replace(events=(), controller=ANCHORED[name]), "controller.force_path"
+    slow = scenario.override({path: {"kind": "low-pass", "pole": 0.8}})
+    with pytest.raises(errors.FieldError, match="force_gain"):
+        slow.override({"controller.gains.force_gain": 9.1})
+    prompt = slow.override({"controller.gains.force_gain": 6.0})
+    with pytest.raises(errors.FieldError, match="force_gain"):
+        prompt.override(late)
+    assert prompt.override(late | {"beyond_bound": True}).beyond_bound
+
+
+def test_a_folder_that_does_not_exist_stays_as_it_is_stated_in_a_file_elsewhere(tmp_path):
+    """One that exists becomes the way from the folder of the file."""
+    (tmp_path / "robots" / "meshes").mkdir(parents=True)
+    there = str(tmp_path / "robots" / "meshes")
+    scenario = SCENARIOS["spatial"]().override({"cell.arms.left.package_dirs": ["no/such", there]})
+    table = tomllib.loads(toml_text(scenario, commented=False, folder=tmp_path / "robots"))
+    assert table["cell"]["arms"]["left"]["package_dirs"] == ["no/such", "meshes"]

@@ -22,8 +22,9 @@ from coop_pin.base.errors import UrdfError, UrdfWarning
 from coop_pin.description import urdf
 from coop_pin.description.urdf import UrdfFile, check_file, check_urdf, find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.find import example_folder
-from coop_pin.description.urdf.tree import MAX_DEPTH
-from coop_pin.description.urdf.xml import MAX_BYTES
+from coop_pin.description.urdf.inertia import impossible_bodies
+from coop_pin.description.urdf.tree import MAX_DEPTH, read_tree
+from coop_pin.description.urdf.xml import MAX_BYTES, read_document
 
 ARMS = ("panda", "ur3", "ur5", "ur10", "ur5_gripper", "kinova", "xarm7", "z1", "baxter", "so100", "so101")
 
@@ -170,6 +171,30 @@ def test_gazebo_elements_that_close_no_loop_are_none():
         assert check_urdf(arm(more=more)).findings == ()
     codes = {finding.code for finding in check_file(find_urdf("pr2")).warnings()}
     assert "loop_unread" in codes
+
+
+SIZES = {
+    3: "origin xyz, origin rpy, axis xyz, box size, mesh scale",
+    1: "mass value, inertia ixx, inertia ixy, inertia ixz, inertia iyy, inertia iyz, inertia izz,"
+    " limit lower, limit upper, limit effort, limit velocity, mimic multiplier, mimic offset,"
+    " dynamics damping, dynamics friction, calibration rising, calibration falling,"
+    " safety_controller soft_lower_limit, safety_controller soft_upper_limit,"
+    " safety_controller k_position, safety_controller k_velocity, sphere radius, cylinder radius,"
+    " cylinder length, capsule radius, capsule length",
+}
+"""Attributes by the number of their values in the XML specification of URDF."""
+
+
+@pytest.mark.parametrize(("size", "attributes"), SIZES.items())
+def test_an_attribute_has_the_number_of_values_of_the_specification(size, attributes):
+    for words in attributes.split(", "):
+        tag, attribute = words.split()
+        wrong = {}
+        for values in (size - 1, size, size + 1):
+            piece = f'<link name="d"><{tag} {attribute}="{" ".join(["1"] * values)}"/></link>'
+            codes = {each.code for each in check_urdf(arm(more=piece)).findings}
+            wrong[values] = bool(codes & {"count", "number"})
+        assert wrong == {size - 1: True, size: False, size + 1: True}, words
 
 
 def test_a_mesh_that_is_not_there_is_warned_of_with_its_link(tmp_path):
@@ -413,6 +438,35 @@ def test_those_that_do_not_move_and_rounding_noise_are_warned_of(tmp_path):
             load_checked(_file(tmp_path, text))
         with pytest.raises(UrdfError, match=code):
             load_checked(_file(tmp_path, text), strict=True)
+
+
+@pytest.mark.parametrize("travel", [0.0, 0.03])
+def test_a_body_of_three_links_is_possible_where_their_sum_by_pinocchio_is(travel):
+    """An impossible link and two sound ones beyond fixed joints, or beyond a slide that is locked at 3 cm."""
+    rng, verdicts = np.random.default_rng(4), []
+    for _ in range(40):
+        X, more = pin.SE3.Identity(), ""
+        whole = pin.Inertia(2.5, np.array((0.1, 0.0, 0.0)), np.diag((0.02, 0.03, 0.056)))
+        for parent, child, kind in (("b", "d", "prismatic" if travel else "fixed"), ("d", "e", "fixed")):
+            m, p, rpy = rng.uniform(0.05, 1.0), 0.03 * rng.normal(size=3), rng.uniform(-1.0, 1.0, 3)
+            ixx, iyy, izz = 0.001 * rng.uniform(1.0, 1.4, 3)
+            more += (
+                f'<link name="{child}"><inertial><mass value="{m}"/><origin xyz="0 0.02 0"/>'
+                f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+                f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+                '<axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/>'
+                f'<origin xyz="{p[0]} {p[1]} {p[2]}"'
+                f' rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/></joint>'
+            )
+            X = X * pin.SE3(pin.rpy.rpyToMatrix(rpy), p)
+            X = X * pin.SE3(np.eye(3), np.array((0.0, 0.0, travel * (child == "d"))))
+            whole += X.act(pin.Inertia(m, np.array((0.0, 0.02, 0.0)), np.diag((ixx, iyy, izz))))
+        inertia = '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.056"/>'
+        tree = read_tree(read_document(arm(inertia=inertia, more=more).encode()))
+        I1, I2, I3 = np.linalg.eigvalsh(whole.inertia)
+        verdicts.append(bool(impossible_bodies(tree, {"to_d": travel} if travel else {})))
+        assert verdicts[-1] == (I3 > I1 + I2)
+    assert 5 < sum(verdicts) < 35
 
 
 def test_impossible_bodies_of_known_robots_are_not_warned_of_but_errors_when_strict():

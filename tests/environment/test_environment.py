@@ -3,6 +3,7 @@
 import time
 import warnings
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,12 +19,14 @@ from coop_pin.base.errors import (
     TracingError,
 )
 from coop_pin.compiled import BatchSimulator
+from coop_pin.control import CellCommand
 from coop_pin.simulation.build_controller import build_controller
 
 pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env
 
+from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.cell_env import CellEnv
 from coop_pin.environment.task import EpisodeSeeds, Task
 from coop_pin.environment.vector_cell_env import VectorCellEnv
@@ -77,6 +80,91 @@ def test_an_action_on_the_squeeze_loads_the_payload_nowhere(arms, lead):
     np.testing.assert_array_equal(squeeze[..., : arms - 1, :], expected)
     np.testing.assert_allclose(squeeze.sum(axis=-2), 0.0, atol=1e-14)
     assert not any(command.any() for command in commands)
+
+
+class Reference(NamedTuple):
+    """The part of a reference that an action changes."""
+
+    internal_wrench: np.ndarray
+
+
+class Told(cp.CellController):
+    """Commands 1, 2, ... to the drives of each arm and keeps the internal wrenches that it is to make."""
+
+    def __init__(self):
+        self.desired = []
+
+    def init(self, measurements, references):
+        self.messages(measurements, references, None)
+        return "begun"
+
+    def step(self, measurements, references, state):
+        self.messages(measurements, references, state)
+        return CellCommand([1.0 + np.arange(2.0), 1.0 + np.arange(3.0)], state + "!")
+
+    def messages(self, measurements, references, state):
+        self.desired.append([each.internal_wrench.tolist() for each in references])
+        return ["said"]
+
+
+def test_an_acted_law_adds_to_what_the_law_is_told_and_to_what_it_commands():
+    squeeze, added = np.array(((2.0, 0.0, -1.0), (-2.0, 0.0, 1.0))), [np.array((0.5, -0.5)), np.full(3, 0.25)]
+    references = [Reference(np.array((10.0, 5.0, 0.1))), Reference(np.array((-10.0, -5.0, -0.1)))]
+    told = Told()
+    law = ActedLaw(squeeze, added, told)
+    state = law.init([], references)
+    command = law.step([], references, state)
+    assert (command.state, law.messages([], references, state)) == ("begun!", ["said"])
+    assert told.desired == [[[12.0, 5.0, -0.9], [-12.0, -5.0, 0.9]]] * 3
+    assert [torques.tolist() for torques in command.torques] == [[1.5, 1.5], [1.25, 2.25, 3.25]]
+
+
+@pytest.mark.parametrize(("kind", "field"), [("torque", "torques"), ("velocity", "velocities")])
+def test_without_a_law_torques_are_added_to_those_that_hold_the_start_and_velocities_to_rest(kind, field):
+    law = ActedLaw(np.zeros((2, 3)), [np.array((0.5, -0.5)), np.full(3, 0.25)], None, kind)
+    measured = [SimpleNamespace(holding_torque=np.array((7.0, 8.0))), SimpleNamespace(holding_torque=None)]
+    state = law.init(measured, [])
+    command = law.step(measured, [], state)
+    held = [[7.5, 7.5], [0.25] * 3] if kind == "torque" else [[0.5, -0.5], [0.25] * 3]
+    assert [values.tolist() for values in getattr(command, field)] == held
+    assert command.state is state
+    assert law.messages(measured, [], state) == []
+    assert law.command_kind == kind
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_action_on_torques_is_in_the_record(name):
+    """Without the law the drives get what holds the start, and ``scale`` times the action."""
+    env = CellEnv(cell(name), Task("torque", scale=2.0, law=False, ticks=3, **EXACT))
+    env.reset()
+    action = np.linspace(-0.9, 0.9, env.action_space.shape[0])
+    env.step(action)
+    data = env.simulation.result().data
+    commanded = [values[np.isfinite(values)] for values in data.commanded_torque.values]
+    assert len(commanded) == 4
+    for values in commanded[1:]:
+        np.testing.assert_allclose(values, commanded[0] + 2.0 * action, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_action_on_the_squeeze_is_a_run_with_another_squeeze(name):
+    """From the second tick on, in payload axes; the first presses by ``scale`` times the action."""
+    scenario, task = cell(name), Task("squeeze", scale=5.0, ticks=3, **EXACT)
+    env, run = CellEnv(scenario, task), cp.Simulation(scenario, build_controller(scenario))
+    env.reset()
+    run.tick()
+    rows = list(scenario.cell.task_rows.indices)
+    action = np.linspace(0.2, 0.8, len(rows))
+    added = np.zeros((2, 6))
+    added[:, rows] = np.outer((5.0, -5.0), action)
+    now = scenario.squeeze.at(0.0, scenario.cell.grasps)
+    arms = dict(zip(scenario.cell.arms, (now + added).tolist(), strict=True))
+    run.replace_squeeze(cp.squeezes.ConstantSqueeze(wrenches=arms))
+    env.step(action)
+    for _ in range(3):
+        run.tick()
+    np.testing.assert_allclose(env.simulation.plant.q, run.plant.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(env.simulation.plant.v, run.plant.v, rtol=0, atol=1e-10)
 
 
 def check(scenario, task):
@@ -213,14 +301,6 @@ def test_observations_and_rewards_are_those_of_the_record(name):
     np.testing.assert_allclose(rewards, -costs[1:], rtol=1e-12)
 
 
-def test_the_last_action_ends_with_the_run():
-    env, is_last = CellEnv(cell("planar"), Task(ticks=5)), False
-    env.reset()
-    while not is_last:
-        is_last = env.step(np.zeros(env.action_space.shape))[3]
-    assert env.simulation.ticks_done == env.simulation.timeline.ticks + 1
-
-
 def test_one_lane_is_the_default_and_is_a_single_run():
     scenario, task = cell("planar"), Task(ticks=2, **EXACT)
     lanes, env = VectorCellEnv(scenario, task), CellEnv(scenario, task)
@@ -267,9 +347,29 @@ def test_actions_on_gains_are_laws_with_other_gains(name):
         VectorCellEnv(scenario, task)
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_actions_on_gains_are_cut_to_one(name):
+    scenario = cell(name)
+    sliding, anchor = scenario.controller.gains.sliding_gain, scenario.controller.gains.anchor_gain
+    gains = GAINS.retuned(scenario, np.array((3.0, -2.0))).controller.gains
+    np.testing.assert_allclose(gains.sliding_gain, 1.5 * np.array(sliding), rtol=1e-12)
+    assert gains.anchor_gain == pytest.approx(0.5 * anchor)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_action_takes_a_gain_beyond_the_bound_of_the_law(name):
+    """A force gain is below 1 on a path that is one tick late; 0.8 times 1.5 is not."""
+    scenario = cell(name, {"controller.gains.force_gain": 0.8})
+    with pytest.raises(CoopPinError, match="beyond_bound"):
+        scenario.override({"controller.gains.force_gain": 1.2})
+    env = CellEnv(scenario, Task("gains", scale=0.5, gains=("force_gain",)))
+    env.reset()
+    assert not env.step(np.ones(1))[2]
+
+
 @pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_the_seed_alone_draws_the_numbers(name):
-    lanes = VectorCellEnv(with_noise(name), TASKS["torque"], num_envs=3)
+    lanes = VectorCellEnv(with_noise(name).replace(seed=1), TASKS["torque"], num_envs=3)
     action = np.zeros(lanes.action_space.shape)
 
     def observed(seed):

@@ -1,6 +1,8 @@
 """Environments of Gymnasium: types of spaces, registered name, render mode, and hostile arguments."""
 
+import re
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,7 +32,7 @@ NAME = "coop_pin/Cell-v0"
 
 def cell(name):
     scenario = SCENARIOS[name]().replace(events=(), controller=ANCHORED[name])
-    changes = {"sensors.encoder": {"noise": 1e-5}, "duration": 16 * scenario.clock.period}
+    changes = {"sensors.encoder": {"noise": 1e-5}, "duration": 14 * scenario.clock.period}
     return scenario.override(changes)
 
 
@@ -74,8 +76,9 @@ def test_gymnasium_makes_it_by_its_registered_name(name):
 
 
 def test_gymnasium_makes_lanes_by_the_registered_name(planar):
-    made = gymnasium.make_vec(NAME, num_envs=2, scenarios=planar)
+    made = gymnasium.make_vec(NAME, num_envs=1, scenarios=planar)
     assert isinstance(made, VectorCellEnv)
+    assert made.num_envs == 1
     assert made.reset(seed=3)[0].dtype == made.observation_space.dtype == np.float32
 
 
@@ -97,6 +100,50 @@ def test_a_line_of_text_says_how_large_the_errors_are(name):
     lines.reset(seed=3)
     assert lines.render()[0] == text
     assert CellEnv(scenario).render() is None
+
+
+def test_the_last_action_ends_with_the_run(planar, lanes):
+    """After the tick of the reset there are 14: three actions of four ticks, and one of two."""
+    env = CellEnv(planar, render_mode="ansi")
+    for each in (env, lanes):
+        each.reset(seed=3)
+        action, ends = np.zeros(each.action_space.shape), []
+        while not np.any(ends):
+            ends.append(each.step(action)[3])
+        assert len(ends) == 4
+        assert np.all(ends[-1])
+        assert str(each.render()).strip("(')").startswith(f"t = {14 * planar.clock.period:.4f} s")
+        with pytest.raises(InvalidStateError):
+            each.step(action)
+    assert env.simulation.ticks_done == env.simulation.timeline.ticks + 1
+
+
+def test_the_line_of_text_has_the_time_of_the_last_tick_after_an_action(planar, lanes):
+    """An action of the default task takes four ticks after that of the reset."""
+    env, T = CellEnv(planar, render_mode="ansi"), planar.clock.period
+    for each in (env, lanes):
+        each.reset(seed=3)
+        each.step(np.zeros(each.action_space.shape))
+    assert env.render().startswith(f"t = {4 * T:.4f} s")
+    assert [line.partition(":")[0] for line in lanes.render()] == [f"t = {4 * T:.4f} s"] * 2
+
+
+def test_the_line_of_text_has_the_sizes_of_errors_in_an_observation():
+    """Of five drives with angles and rates, pose and twist errors, and two arms with internal wrenches."""
+    law = SimpleNamespace(commands=[np.zeros(3), np.zeros(2)])
+    pose = (3e-3, 4e-3, 12e-3, 2e-3, 3e-3, 6e-3)  # 13 mm and 7 mrad
+    wrenches = (1.0, 2.0, 2.0, 50.0, 50.0, 50.0, 2.0, 3.0, 6.0, 50.0, 50.0, 50.0)  # 3 N and 7 N
+    observation = np.concatenate((np.full(10, 9.0), pose, np.full(6, 9.0), wrenches))
+    text = Task().text(observation, law, 0.25)
+    numbers = [float(number) for number in re.findall(r"\d+\.\d+", text)]
+    assert numbers == [0.25, 13.0, 7.0, 7.0]
+
+
+def test_a_task_is_on_the_squeeze_by_default():
+    """One newton, paid by newtons and millimetres, every four ticks."""
+    rewards = {"internal_axial_error_N": 1.0, "position_error_m": 1000.0}
+    fields = {"scale": 1.0, "rewards": rewards, "ticks": 4, "law": True, "failure": 1000.0, "gains": ()}
+    assert Task() == Task(action="squeeze", dtype="float32", **fields)
 
 
 def test_unknown_render_modes_are_refused_by_name(planar):

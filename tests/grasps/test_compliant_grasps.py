@@ -10,7 +10,7 @@ from compliant_cells import UNEVEN, anchored, mass_matrix, moved, with_grasps
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import ArgumentError, FieldError, OutOfRangeError, UnknownFieldError
+from coop_pin.base.errors import ArgumentError, FieldError, UnknownFieldError
 from coop_pin.base.spatial import weight_wrench
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
@@ -289,20 +289,6 @@ def test_rigid_grasps_are_written_as_before_and_compliant_ones_come_back():
     assert compliant.cell.rigid == rigid.cell
     assert list(compliant.cell.compliant) == ["left", "right"]
     assert not rigid.cell.compliant
-
-
-@pytest.mark.parametrize(("name", "k"), [("paper", 300e3), ("firm", 30e3), ("soft", 5e3)])
-def test_a_named_stiffness_is_that_of_its_description(name, k):
-    """In rotation it is k times 1/100 m^2."""
-    stiffness = cp.CompliantGrasp(stiffness=name).stiffness
-    assert_allclose(stiffness, k * np.repeat((1.0, 0.01), 3), rtol=1e-12)
-
-
-def test_measured_stiffness_is_load_over_deflection():
-    grasp = cp.CompliantGrasp.measured((20, 20, 20, 1, 1, 1), (4e-3, -4e-3, 2e-3, 0.02, 0.02, 0.01))
-    assert_allclose(grasp.stiffness, (5e3, 5e3, 1e4, 50.0, 50.0, 100.0))
-    with pytest.raises(OutOfRangeError, match=r"deflection\[2\]"):
-        cp.CompliantGrasp.measured((20, 20, 20, 1, 1, 1), (4e-3, 4e-3, 0.0, 0.02, 0.02, 0.01))
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from joint_cells import jointed
 from linked_cells import (
     PAYLOADS,
     box_with_lid,
@@ -290,13 +291,27 @@ def test_bodies_of_a_beam_are_its_rods_and_a_link_without_mass_has_none(tmp_path
     assert not frame.centre.any()
 
 
-def test_a_load_beside_a_base_does_the_work_of_the_whole_one():
-    scenario = linked("two-pandas-box", "door")
-    s, L = scenario.cell.payload.links.freedom, scenario.cell.loads_within([True, True])
+@pytest.mark.parametrize("name", CELLS)
+def test_a_load_beside_a_base_does_the_work_of_the_whole_one_at_least_cost(name):
+    """Of all W' with s^T W' = s^T W that of least W'^T Q W', Q = diag(1, 1, 1, 1/l^2, 1/l^2, 1/l^2)."""
+    cell, root_Q = linked(name, "door", **{"cell.split_length": 0.3}).cell, np.repeat((1.0, 1.0 / 0.3), 3)
+    s, L = cell.payload.links.freedom, cell.loads_within([True, True])
     assert_allclose(s, (0.0, 0.2, 0.0, 0.0, 0.0, 1.0), atol=1e-9)
     W = np.random.default_rng(0).normal(size=6)
-    assert s @ L.sum(axis=0) @ W == pytest.approx(s @ W)
-    assert np.linalg.matrix_rank(L.sum(axis=0), 1e-9) == 1
+    least = np.linalg.lstsq((s / root_Q)[None], [s @ W])[0] / root_Q
+    assert_allclose(L.sum(axis=0) @ W, least, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_the_load_of_free_links_is_split_as_that_of_one_body(name):
+    """Grasps and shares alone tell what each arm can bear."""
+    body = jointed(name, {"left": "hinge", "right": "hinge"}).cell
+    links = linked(name, "lid").cell
+    joined = body.replace(payload=links.payload, pads={})
+    assert_allclose(joined.loads_within([True, True]), body.loads_within([True, True]), rtol=1e-12)
+    alone = jointed(name, {"right": "hinge"}).cell
+    assert_allclose(alone.loads_within([True, False]), np.eye(6)[None], atol=1e-12)
+    np.testing.assert_array_equal(alone.grasp_rows("left").X_PC, np.eye(4))
 
 
 def test_what_a_linked_payload_does_not_go_with_is_refused_by_name():

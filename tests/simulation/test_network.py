@@ -33,6 +33,7 @@ from coop_pin.description.network import edges_of
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.devices.exchange import Exchange
 from coop_pin.simulation.devices.network import MessageSignals, cell_network
 from coop_pin.stability import loop_stability
 from coop_pin.stability.modes import motion_basis
@@ -61,6 +62,19 @@ def test_by_messages_before_the_step_it_is_the_law_of_the_cell_bit_for_bit(cell)
     assert isinstance(build_controller(alone), MeanPoseController)
     assert isinstance(build_controller(by_messages), DecentralisedController)
     assert samples(alone).equals(moved(samples(by_messages)))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_exchange_at_once_hands_messages_along_the_edges_alone(name):
+    """What the first arm says reaches the second, not the other way round; each hears itself."""
+    first, second, *_ = SCENARIOS[name]().cell.arms
+    said = [np.array((1.0, 2.0)), None]
+    exchange = Exchange(SCENARIOS[name]().override({"events": [], "network.graph": [[first, second]]}))
+    mail = [each.received for each in exchange.at_once(said)]
+    assert [sorted(each) for each in mail] == [[first], sorted((first, second))]
+    assert [mail[1][first].numbers.tolist(), mail[1][first].age] == [[1.0, 2.0], 0.0]
+    assert (mail[1][second].numbers.size, mail[1][second].age) == (0, np.inf)
+    assert [each.received for each in Exchange(SCENARIOS[name]()).at_once(said)] == [None, None]
 
 
 class LateMean(MeanPoseController):

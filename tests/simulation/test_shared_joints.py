@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +21,7 @@ from coop_pin.feasibility import cell_summary
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.running.carrier_findings import carrier_findings
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.devices.shared_drive import SharedDrives
 from coop_pin.simulation.simulation import Simulation
 
 CELLS = {
@@ -411,6 +413,20 @@ def test_what_shared_joints_cannot_be_is_refused_with_the_reason(tmp_path):
             moving,
             controller={"kind": "computed-torque", "gains": {"position_gain": 100.0, "velocity_gain": 20.0}},
         )
+
+
+@pytest.mark.parametrize(
+    ("limit", "effort", "expected"),
+    [("none", 100.0, -538.0), ("urdf", 100.0, -100.0), ("urdf", 0.0, -538.0), (40.0, 100.0, -40.0)],
+)
+def test_the_drive_of_a_shared_joint_is_a_servo_within_its_limit(limit, effort, expected):
+    """tau_0 - I (w^2 e + 2 zeta w v) = 10 - 2 (2500 * 0.1 + 80 * 0.3); an effort of 0 in a URDF is none."""
+    angles, only = SimpleNamespace(near=lambda q, _near: q), slice(0, 1)
+    place = SimpleNamespace(start=0.0, effort=effort, q_slice=only, v_slice=only, angles=angles)
+    joint = SharedJoint(follow="hold", bandwidth=50.0, damping_ratio=0.8, limit=limit)
+    drives = SharedDrives((joint,), (place,), np.zeros((1, 6)), np.array([10.0]), np.array([2.0]), np.eye(4))
+    (force,) = drives.force(0.0, np.array([0.1]), np.array([0.3]), None)
+    assert_allclose(force, [expected], rtol=1e-12)
 
 
 def test_the_summary_has_lift_and_turn_and_blame_refuses_joints_that_move(tmp_path):

@@ -1,6 +1,7 @@
 """Simulation: the paper's experiment, reproducibility, exact events, energy, force paths, friction."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
@@ -200,6 +201,48 @@ def test_timeline_cuts_steps_at_events():
     assert all(map(timeline.happens_at, (0.02, 0.0231, 0.02525)))
     assert not any(map(timeline.happens_at, (0.0, 0.0225, 0.025, 0.03)))
     assert timeline.event_times() == [0.02, 0.0231, 0.02525]
+
+
+def test_stages_of_a_tick_have_their_order_and_only_plant_steps_a_length():
+    """Of 10 ms in two plant steps with a change at 7 ms; drives lag, and a servo samples at half of it."""
+    drives = SimpleNamespace(response="lag", samples=lambda: [(1,)], due=lambda share: (1,) * (share == 0.5))
+    clock, event = Clock(rate_hz=100.0, steps_per_tick=2), PayloadChange(time=0.007, mass=1.0)
+    timeline = Timeline(clock, 0.01, (event,), drives=drives)
+    stages = [(kind, round(time, 9), round(length, 9), due) for kind, time, length, due in timeline.stages(0)]
+    assert stages == [
+        ("measure", 0.0, 0.0, ()),
+        ("command", 0.0, 0.0, ()),
+        ("record", 0.0, 0.0, ()),
+        ("drive", 0.0, 0.005, ()),
+        ("advance", 0.0, 0.005, ()),
+        ("sample", 0.005, 0.0, (1,)),
+        ("drive", 0.005, 0.002, ()),
+        ("advance", 0.005, 0.002, ()),
+        ("happen", 0.007, 0.0, ()),
+        ("drive", 0.007, 0.003, ()),
+        ("advance", 0.007, 0.003, ()),
+        ("release", 0.01, 0.0, ()),
+    ]
+    assert [kind for kind, *_ in timeline.stages(1)] == ["measure", "command", "record"]
+    at_tick = Timeline(clock, 0.01, (event.replace(time=0.01),))
+    assert [kind for kind, *_ in at_tick.stages(0)] == ["measure", "command", "record", "advance", "advance"]
+    assert [*at_tick.before_command(1)] == [("measure", 0.01, 0.0, ()), ("happen", 0.01, 0.0, ())]
+
+
+@pytest.mark.parametrize("beside", [0.0, 4e-12, -4e-12])
+def test_an_event_within_a_part_in_1e9_of_a_plant_step_is_at_its_end(beside):
+    """Plant steps of 5 ms; just_after says up to where."""
+    timeline = Timeline(
+        Clock(rate_hz=100.0, steps_per_tick=2), 0.02, (PayloadChange(time=0.005 + beside, mass=1.0),)
+    )
+    assert [step.start for step in timeline.steps(0)] == [0.0, 0.005]
+    assert timeline.happens_at(0.005)
+    assert timeline.just_after(0.005) - 0.005 == pytest.approx(5e-12, rel=1e-3)
+    near = Timeline(
+        Clock(rate_hz=100.0, steps_per_tick=2), 0.02, (PayloadChange(time=0.005 + 1e-11, mass=1.0),)
+    )
+    assert len([*near.steps(0)]) == 3
+    assert not near.happens_at(0.005)
 
 
 def test_push_between_ticks_has_its_exact_impulse():

@@ -105,6 +105,25 @@ def test_a_restored_run_goes_on_with_the_same_bits(scenario):
     assert finished(simulation).identical(expected)
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_run_returns_to_any_of_its_ticks_with_the_noise_of_that_tick(name):
+    simulation, states = stepped(short(name, 0.2).override(EVERYTHING), 0), []
+    for _ in range(6):
+        states.append(simulation.state())
+        simulation.tick()
+    expected = simulation.result().data
+    for ticks in (2, 5, 0, 2):
+        simulation.restore(states[ticks])
+        simulation.tick()
+        seen = simulation.result().data.measured_drive_position.values
+        np.testing.assert_array_equal(seen, expected.measured_drive_position.values[: ticks + 1])
+    other = stepped(simulation.scenario.replace(seed=6), 2)
+    simulation.restore(other.state())
+    for each in (simulation, other):
+        each.tick()
+    assert simulation.result().data.identical(other.result().data)
+
+
 class SumsInPlace(cp.CellController):
     """A law that adds to the arrays of its state and returns them."""
 

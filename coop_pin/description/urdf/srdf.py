@@ -51,7 +51,7 @@ class Srdf(NamedTuple):
         """Return the groups of two arms: chains of most joints, of which none contains another."""
         moved = {group: robot.movers(tip) for group, tip in self.tips.items()}
         longest = max(map(len, moved.values()), default=0)
-        ends = {moved[group]: group for group in moved if moved[group] and len(moved[group]) == longest}
+        ends = {moved[group]: group for group in moved if len(moved[group]) == longest}
         return tuple(ends.values()) if len(ends) == 2 else ()
 
     def posture(self, joints: Sequence[str]) -> tuple[float, ...] | None:

@@ -52,8 +52,6 @@ _TAG = re.compile(rb"</?[^\s<>!?/\"'](?>[^<>\"']+|\"[^<\"]*\"|'[^<']*')*+>")
 _PIECE = re.compile(rb"\"[^\"]*\"|'[^']*'|\bxmlns\b|[:\r\n]")
 """What is rewritten in a tag: values, declarations of namespaces, colons and line breaks."""
 
-_LIMITS = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
-
 _REFUSED = (
     ("root", "/*[name() != 'robot']", "the root element is {}; the root element of a URDF is 'robot'"),
     (
@@ -80,7 +78,13 @@ def read_document(data: bytes) -> Element:
         DocumentError: there is none, or a limit is violated.
     """
     _require_text(data)
-    parser = etree.XMLParser(encoding="utf-8", remove_comments=True, remove_pis=True, **_LIMITS)
+    parser = etree.XMLParser(
+        encoding="utf-8",
+        remove_comments=True,
+        remove_pis=True,
+        resolve_entities=False,
+        no_network=True,
+    )
     try:
         robot = etree.fromstring(_TAG.sub(_flat, _DECLARATION.sub(b"", data, 1)), parser)
     except etree.XMLSyntaxError as error:

@@ -196,8 +196,9 @@ class CellDrives(NamedTuple):
         self, applied: Applied, state: DriveState, gives: Given | tuple[()], s: float
     ) -> tuple[Applied, DriveState]:
         """Return torques with lag and rate limit, and the state."""
-        if self.response is None or state.response is None:
+        if self.response is None:
             return applied, state
+        assert state.response is not None
         torques, saturated, reported = applied.torques, applied.saturated, applied.reported
         response = self.response.step(state.response, s, np.concatenate(torques))
         limited = self.split(self.response.is_limited(response, self.period))
@@ -259,8 +260,9 @@ class CellDrives(NamedTuple):
             assert servo is not None
             (_, _, held[index], *_), servos[index] = self._sampled(index, servo, sensed)
         state = state._replace(servos=tuple(servos), held=tuple(held))
-        if self.response is None or state.response is None:
+        if self.response is None:
             return held, state
+        assert state.response is not None
         response = self.response.step(state.response, s, np.concatenate(held))
         return self.acting(self.response.at(response, 0.0), gives), state._replace(response=response)
 

@@ -149,7 +149,7 @@ class Sensing:
         if self.sensors.has_joints:  # whose turns the first arm does not see
             R_WP = self._start[:3, :3]
         truth, view = self._truth(0.0, q, v, signals, applied, loads, R_WP), partial(self._view, q)
-        memory = self._tell(None if self._shared is None else self._shared.start(), q, v)
+        memory = self._tell(None, q, v)
         sensors = self.sensors.start(truth, view, references)
         measured = self._step(sensors, truth, view, self._slips.start(), memory)
         return [
@@ -195,10 +195,10 @@ class Sensing:
         ]
 
     def _tell(self, memory: Array | None, q: Array, v: Array) -> Array:
-        """Tell the arms of the shared joints under them; return the memory of their sensors."""
-        if self._shared is None or memory is None:
+        """Tell the arms of the shared joints under them; return the memory of the sensors, at first None."""
+        if self._shared is None:
             return _NONE
-        self._told, memory = self._shared.step(memory, q, v)
+        self._told, memory = self._shared.step(self._shared.start() if memory is None else memory, q, v)
         return memory
 
     def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:
