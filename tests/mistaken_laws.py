@@ -53,6 +53,11 @@ class ComplexTorques(Law):
         return cp.ArmCommand(np.zeros(self.drives) + 1j, state)
 
 
+class TruthValues(Law):
+    def step(self, measurement, reference, state):
+        return cp.ArmCommand(np.ones(self.drives, bool), state)
+
+
 class OneTorque(Law):
     def step(self, measurement, reference, state):
         return cp.ArmCommand(np.zeros(1), state)

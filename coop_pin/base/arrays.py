@@ -54,10 +54,10 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     Raises:
         ShapeError: the shape differs.
         OutOfRangeError: an entry is NaN or infinite.
-        ArgumentError: entries are texts, complex or masked.
+        ArgumentError: entries are texts, truth values, complex or masked.
     """
     try:
-        array = real_numbers(name, value, "fiubO").astype(np.float64)
+        array = real_numbers(name, value, "fiuO").astype(np.float64)
     except OverflowError:
         raise OutOfRangeError(name, math.inf, "a finite number") from None
     except ArgumentError:
@@ -78,7 +78,7 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     return array
 
 
-def real_numbers(name: str, value: object, kinds: str = "fiub") -> NDArray[Any]:
+def real_numbers(name: str, value: object, kinds: str = "fiu") -> NDArray[Any]:
     """Return value as an array of numbers that are real.
 
     Args:
@@ -87,7 +87,7 @@ def real_numbers(name: str, value: object, kinds: str = "fiub") -> NDArray[Any]:
         kinds: kinds of entries that are accepted, as in numpy's ``dtype.kind``.
 
     Raises:
-        ArgumentError: entries are texts, complex or masked.
+        ArgumentError: entries are texts, truth values, complex or masked.
     """
     array = np.asarray(value)
     is_masked = isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)

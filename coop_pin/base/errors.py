@@ -309,11 +309,11 @@ class UrdfError(FieldError):
 class MimicJointError(UrdfError):
     """A URDF with mimic joints and no policy for them; ``names`` are the joints that follow others."""
 
-    def __init__(self, urdf: str, joints: Iterable[str], path: str = "") -> None:
+    def __init__(self, urdf: str, joints: Iterable[str], path: str, stop: str) -> None:
         super().__init__(
             f"{urdf!r} has mimic joints: {', '.join(map(repr, joints))}. Pinocchio's forward dynamics cannot"
-            " couple them to the joints they follow: lock them or those joints with"
-            ' locked = { joint = angle }, or let them move independently with mimic = "ignore"',
+            f" couple them to the joints they follow: {stop}, or let them move independently with"
+            ' mimic = "ignore"',
             path,
             joints,
         )

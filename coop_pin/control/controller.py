@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coop_pin.base.arrays import Array
+from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import CommandError, SingularJacobianError
 from coop_pin.base.spatial.generic_numbers import Traceable
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, Outgoing
@@ -201,6 +201,14 @@ class DecentralisedController(CellController):
     """
 
     def __init__(self, controllers: Mapping[str, ArmController]) -> None:
+        """Take the laws.
+
+        Raises:
+            WrongTypeError: they are no mapping of names to laws of one arm.
+        """
+        require_type("controllers", controllers, Mapping)
+        for name, law in controllers.items():
+            require_type(f"the controller of {name!r}", law, ArmController)
         self.controllers = dict(controllers)
 
     def commands_of(self, arm: str) -> str:

@@ -4,7 +4,7 @@ Open first: ``task`` (actions, observations, reward), ``cell_env`` (one cell on 
 ``vector_cell_env`` (cells as lanes of compiled code).
 
 The law to which an agent adds is in ``acted_law``. Public names are in ``cp.gym``.
-An import of this package registers ``coop_pin/Cell-v0`` with Gymnasium.
+An import registers ``coop_pin/Cell-v0``; ``coop_pin.environment:coop_pin/Cell-v0`` imports it, too.
 
 Imports ``base``, ``compiled``, ``control``, ``description``, ``results``, ``simulation`` and ``tracing``.
 """

@@ -63,7 +63,7 @@ def mechanism_model(
         )
     followers = Robot(text).mimics
     if followers and not ignore_mimic:
-        raise MimicJointError(name, followers, "mimic")
+        raise MimicJointError(name, followers, "mimic", 'make their type "fixed" in the file')
     model = model_from_text(text, name)
     model.gravity.linear = along
     return model, read_loops(text)

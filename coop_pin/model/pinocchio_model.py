@@ -272,7 +272,8 @@ def _unreduced(file: UrdfFile, locked: Mapping[str, float], ignore_mimic: bool) 
             )
     followers = [joint for joint in moving if joint in robot.mimics]
     if followers and not ignore_mimic:
-        raise MimicJointError(file.path.name, followers, "mimic")
+        stop = "lock them or those joints with locked = { joint = angle }"
+        raise MimicJointError(file.path.name, followers, "mimic", stop)
     indices = [joint_id(model, joint) for joint in angles]
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for index in indices:  # the reduced model has frames with their names, which no link may have

@@ -462,8 +462,14 @@ def test_bad_urdfs_are_typed_errors():
         )
     with pytest.raises(UrdfError):
         cp.ClosedChain.from_urdf("<robot")
-    with pytest.raises(MimicJointError, match="b_pin"):
+    with pytest.raises(MimicJointError, match="b_pin") as caught:
         cp.ClosedChain.from_urdf(mimicking())
+    assert "locked" not in str(caught.value)  # which a mechanism does not have
+    follower = '<joint name="b_pin" type="{}"'
+    assert '"fixed"' in str(caught.value)
+    assert follower.format("revolute") in mimicking()
+    fixed = mimicking().replace(follower.format("revolute"), follower.format("fixed"))
+    assert cp.ClosedChain.from_urdf(fixed).model.nv == 1
     assert cp.ClosedChain.from_urdf(mimicking(), mimic="ignore").model.nv == 2
     with pytest.raises(ShapeError, match="gravity"):
         cp.ClosedChain.from_urdf(mimicking(), gravity=9.81, mimic="ignore")

@@ -27,7 +27,7 @@ from coop_pin.environment.cell_env import CellEnv
 from coop_pin.environment.task import Task
 from coop_pin.environment.vector_cell_env import VectorCellEnv
 
-NAME = "coop_pin/Cell-v0"
+NAME = "coop_pin.environment:coop_pin/Cell-v0"  # which needs no other import
 
 
 def cell(name):

@@ -62,6 +62,7 @@ def test_a_law_that_raises_or_ends_the_program_is_named_with_its_line(cell, engi
     ("law", "problem"),
     [
         ("ComplexTorques", "complex128"),
+        ("TruthValues", "bool"),
         ("NoNumbers", "<U4"),
         ("WithGradient", "detach()"),
         ("OneTorque", "shape (1,)"),

@@ -12,6 +12,7 @@ from coop_pin.base.errors import (
     FieldError,
     FileWriteError,
     InvalidStateError,
+    NotEnoughMemoryError,
     OutOfRangeError,
     ShapeError,
     WrongTypeError,
@@ -28,10 +29,11 @@ def run(request):
 
 def test_no_array_takes_texts_complex_or_masked_entries():
     masked = np.ma.masked_array([1.0, 2.0], mask=[False, True])
-    for value in (["1", "2"], [1j, 2.0], np.array([1j, 2.0]), masked, np.array([{}, {}])):
+    truths = [True, False]
+    for value in (["1", "2"], [1j, 2.0], np.array([1j, 2.0]), masked, np.array([{}, {}]), truths):
         with pytest.raises(ArgumentError):
             as_array("values", value, 2)
-    for value in ("1", 1j, {}):
+    for value in ("1", 1j, {}, True):
         with pytest.raises(ArgumentError) as caught:
             as_array("value", value)
         assert not isinstance(caught.value, ShapeError)
@@ -137,6 +139,16 @@ def test_bases_and_plans_that_make_no_sense_are_refused():
     start = scenario.motion.at(0.0).X_WP_d
     with pytest.raises(WrongTypeError):
         cp.carry.plan_carry(scenario.cell, start, start, squeeze="x")
+    with pytest.raises(NotEnoughMemoryError):
+        cp.carry.plan_carry(scenario.cell, start, start, places=10**9)
+
+
+def test_laws_of_arms_are_a_mapping_of_their_names():
+    laws = build_controller(cp.Scenario.load("adept-anchored")).controllers
+    assert cp.laws.DecentralisedController(laws).controllers == laws
+    for wrong in ([*laws.values()], None, dict.fromkeys(laws, 1), dict.fromkeys(laws, type(laws["left"]))):
+        with pytest.raises(WrongTypeError):
+            cp.laws.DecentralisedController(wrong)
 
 
 def test_a_new_cell_says_what_it_is_at():
