@@ -60,6 +60,11 @@ class GraspEvent(PayloadEvent):
         """Name and arm."""
         return f"{self.title}: {self.arm}"
 
+    @property
+    def named(self) -> str:
+        """Name, arm and time."""
+        return f"{self.title} by {self.arm!r} at {self.time:g} s"
+
     def load(self, time: float) -> float:
         """Return the part of its load share that the arm bears at a time after the event began."""
         return float(self.holds)
@@ -184,11 +189,6 @@ class Regrasp(GraspEvent):
     def outcome(self) -> str:
         """The arm, and when it takes hold."""
         return f"arm {self.arm!r} takes hold at {self.time:g} s"
-
-    @property
-    def named(self) -> str:
-        """Name, arm and time."""
-        return f"{self.title} by {self.arm!r} at {self.time:g} s"
 
     def is_named(self, remark: str) -> bool:
         """Return whether a remark of a run says that the grasp did not happen."""

@@ -33,7 +33,7 @@ from coop_pin.stability.closed_loop import eigenvalues
 from coop_pin.stability.forecast import forecast, slower_motion, worst_error
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
-from coop_pin.stability.regrasp import regrasp_gaps
+from coop_pin.stability.regrasp import grasp_sags, regrasp_gaps
 from coop_pin.stability.sampled_stability import motion_stability, start_stability
 from coop_pin.stability.steady_errors import anchor_biases, steady_errors
 from coop_pin.stability.step_stability import step_stability
@@ -169,7 +169,7 @@ def torque_findings(statics: StaticTorques) -> Iterator[Finding]:
 
 
 def force_findings(scenario: Scenario, table_error: float) -> Iterator[Finding]:
-    """Yield the squeeze that friction needs, the force on a table at a put-down, and gaps at take-holds."""
+    """Yield the squeeze that friction needs, forces on tables, gaps at take-holds, and payloads that hang."""
     if (least := least_squeeze(scenario)) is not None:
         yield _of("friction", least.arm, least, least.stated, least.force)
     if (pressed := table_force(scenario, table_error=table_error)) is not None:
@@ -178,6 +178,10 @@ def force_findings(scenario: Scenario, table_error: float) -> Iterator[Finding]:
     for gap in regrasp_gaps(scenario):
         field = f"events.{scenario.events.index(gap.event)}.tolerance"
         yield _of("take-hold", field, gap, gap.use, 1.0)
+    for sag in grasp_sags(scenario):
+        if (use := sag.use(scenario.task)) > 1.0:
+            place, sentence = f"events.{scenario.events.index(sag.event)}", sag.summary(scenario.task)
+            yield Finding("steady error", place, "warning", sentence, use, 1.0)
 
 
 def stability_findings(

@@ -147,8 +147,17 @@ def errors_with_results(so_far: Callable[[], RunResult | None], time: Callable[[
         raise RunInterruptedError(result.end if result else math.nan, result) from None
 
 
+_UNLOADED = (
+    "arms that hold nothing are kept slow by actuators.gravity_compensation, a bound (controller.anchor_bias)"
+    " or a guard (controller.slip_guard)"
+)
+"""Advice for arms that ran away after the payload dropped."""
+
+
 def _marked(result: RunResult | None, error: CoopPinError) -> RunResult | None:
-    """Return the result up to an error, marked with the error's class."""
+    """Return the result up to an error, marked with its class; a divergence tells of a dropped payload."""
     if result is not None:
         result.data.attrs[RunResult.ENDED_BY] = type(error).__name__
+        if isinstance(error, ArithmeticError) and math.isfinite(result.dropped_at):
+            error.args = (f"{result.friction_text}; {_UNLOADED}. Then: {error}",)
     return result

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
-from coop_pin.base.errors import CoopPinError
+from coop_pin.base.errors import CoopPinError, DivergedError
 from coop_pin.base.spatial import weight_wrench
 from coop_pin.base.spatial.internal_wrench import linkage_loads, virtual_linkage_internal_wrenches
 from coop_pin.compiled import support
@@ -19,6 +19,7 @@ from coop_pin.running.check import quick_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.sensing import SlipSensors
 from coop_pin.simulation.devices.signals import SensorSignals
+from coop_pin.simulation.simulate import errors_with_results
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability
 from coop_pin.viz.frames import snapshot_samples
@@ -211,6 +212,10 @@ def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     assert float(data.patch_slip[-1].max()) < 0.05
     assert np.nanmax(np.abs(data.joint_velocity.values)) < 1.0
     assert np.abs(energy_balance(data)).max() < 5e-2
+    with pytest.raises(DivergedError) as caught, errors_with_results(lambda: result, lambda: 0.4):
+        raise DivergedError(0.4, "joint speed, rad/s,", 1020.0, 1000.0)
+    fallen, advice = f"drops at {result.dropped_at:.3g} s", "actuators.gravity_compensation"
+    assert str(caught.value).index(fallen) < str(caught.value).index(advice)
 
 
 @pytest.mark.parametrize("name", CELLS)

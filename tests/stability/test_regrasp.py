@@ -9,6 +9,7 @@ from coop_pin.events import HandOver, Regrasp
 from coop_pin.running.check import run_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.stability import regrasp_gaps
+from coop_pin.stability.regrasp import grasp_sags
 
 SOFT = (5e4, 5e4, 5e4, 5e3, 5e3, 5e3)
 SPATIAL = "two-pandas-box"
@@ -61,6 +62,33 @@ def test_a_take_hold_that_will_miss_is_an_error_whose_remedy_holds(name):
     assert "take-hold" not in {finding.kind for finding in cp.check(cured, poses=5).of("error")}
     assert cp.run(scenario, warn=False).task.state == "lost"
     assert cp.run(cured, warn=False).task.state != "lost"
+
+
+@pytest.mark.parametrize("name", ["adept-compliant", pytest.param(SPATIAL, marks=pytest.mark.gate)])
+def test_a_payload_that_hangs_lower_than_the_task_allows_is_a_warning(name):
+    scenario = regrasping(name, 5e-3)
+    sag = grasp_sags(scenario)[0]
+    error = cp.run(
+        scenario.replace(events=scenario.events[:1], duration=2.1), warn=False
+    ).data.pose_error.values[-1, :3]
+    assert sag.distance == pytest.approx(np.linalg.norm(error), rel=0.33)
+    for part, expected in ((0.9, {"events.0", "events.1"}), (1.1, set())):
+        limits = {"task.position": part * sag.distance, "task.orientation": 1.0}
+        listed = run_findings(scenario.override(limits)).of("warning")
+        assert {finding.place for finding in listed if finding.kind == "steady error"} == expected
+
+
+def test_a_payload_hangs_lower_with_each_grasp_that_is_taken_as_found():
+    """Half of the weight sinks onto one arm, then all of it onto the other, which took hold of what hung."""
+    box = with_grasps(cp.Scenario.load("baxter-box"), SOFT).override({"controller.zero_at_grasp": True})
+    for rest, ratio in (("found", 3.0), ("nominal", 1.0)):
+        events = (
+            HandOver(time=0.5, arm="left", duration=0.3, retreat=0.06, retreat_time=0.5),
+            Regrasp(time=3.0, arm="left", rest=rest, duration=0.4),
+            HandOver(time=4.0, arm="right", duration=0.3),
+        )
+        first, _, last = grasp_sags(box.replace(events=events))
+        assert last.distance == pytest.approx(ratio * first.distance)
 
 
 @pytest.mark.gate

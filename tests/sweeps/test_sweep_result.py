@@ -89,6 +89,17 @@ def test_a_boundary_of_what_is_unstable_from_the_start_is_not_a_number(tmp_path)
     assert float(result.stability_boundary(RATE, by=[])["first_unstable"]) == 50.0
 
 
+def test_runs_that_end_but_are_not_sound_or_lose_their_task_are_beyond_the_boundary(tmp_path):
+    plan = SweepPlan(base="adept-paper", axes={GAIN: [0.0, 0.2, 0.4, 0.6], MASS: [2.0, 3.0]})
+    verdicts = lambda p: {  # noqa: E731
+        "simulation_sound": float(p[GAIN] < 0.5 or p[MASS] < 2.5),
+        "task_kept": float(p[GAIN] < 0.3 or p[MASS] > 2.5),
+    }
+    found = filled(tmp_path, plan, verdicts).stability_boundary(GAIN)
+    assert_array_equal(found["last_stable"], [0.2, 0.4])
+    assert_array_equal(found["first_unstable"], [0.4, 0.6])
+
+
 def test_the_pareto_front_is_what_nothing_beats(tmp_path):
     random = np.random.default_rng(0)
     a, b = random.random((2, 200))
