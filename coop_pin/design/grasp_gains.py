@@ -29,7 +29,7 @@ from coop_pin.design.tuning_rule import anchor_of, damped, force_path_of, sample
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
-from coop_pin.stability.closed_loop import eigenvalues
+from coop_pin.stability.closed_loop import eigenvalues, pressed_time
 from coop_pin.stability.sampled_stability import damping_rates, motion_stability
 from coop_pin.stability.step_stability import step_stability
 
@@ -40,7 +40,7 @@ _INTEGRAL, _POSE = 0.4, 0.1
 _STEP_PART = 0.9
 """Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
 _ANCHORS = 1.0, 0.3, 0.1
-"""Parts of the anchor's gain that are tried: links between the arms answer its forces late."""
+"""Parts of the anchor's gain that are tried: links answer its forces late, hinges by a turn unseen."""
 _SEEN = 1e-6
 """Part of the largest lambda above which a direction is moved."""
 
@@ -118,8 +118,8 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     is split, l is ``split_length``, so that the terms of the motion leave no internal wrench; else both parts
     of K have the same lambda_max. Where an arm holds another link than that of P, it bears the law by itself
     as the links give: K is that about each arm's own tip. Deflections of links are no biases:
-    ``zero_at_grasp``; their anchor is lowered until the loop holds. The damping of joints that a grasp makes
-    spare has T D / I of 0.9 with the inertia I of what they move alone.
+    ``zero_at_grasp``. The anchor is lowered until the loop holds, beside hinges under the squeeze. The
+    damping of joints that a grasp makes spare has T D / I of 0.9 with the inertia I of what they move alone.
 
     Args:
         scenario: Cell with joints or a payload of several links, motion and clock.
@@ -155,10 +155,10 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     }
     of_drives = base_posture_gains if stands_on_bases(scenario) else posture_gains
     posture = of_drives(scenario, cell_reach, T)
-    for part in _ANCHORS if cell.payload.links is not None else _ANCHORS[:1]:
+    for part in _ANCHORS:
         law = _law(scenario, k * unit, gains | {"anchor_gain": part * anchor_of(scenario, T)[1]})
         suggested = with_steps(scenario.replace(controller=law.replace(posture=posture)), cell_reach)
-        if (loop := eigenvalues(suggested)).ok:
+        if (loop := eigenvalues(suggested, time=pressed_time(suggested))).ok:
             break
     along = motion_stability(_simulation(suggested), cell_reach)
     if not (along.ok and loop.ok):

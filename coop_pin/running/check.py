@@ -246,6 +246,8 @@ def _calmer(scenario: Scenario, finding: Finding) -> Iterator[dict[str, Any]]:
             node = getattr(node, field)
         if np.ndim(node) == 0:
             yield from ({spring: factor * float(node)} for factor in (2.0, 4.0, 8.0))
+    if finding.kind == "closed loop" and scenario.cell.jointed and getattr(gains, "anchor_gain", None):
+        yield from ({"controller.gains.anchor_gain": part * gains.anchor_gain} for part in (0.3, 0.1))
     if finding.kind == "closed loop" and hasattr(gains, "admittance_damping"):
         for gain, factors in (("admittance_damping", (16.0, 256.0)), ("pose_gain", (0.25, 0.06))):
             stated = np.array(getattr(gains, gain))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -148,6 +149,22 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     ones = [names[k] for k in order if is_one[k]]
     structural = tuple(sorted(name for name in ones if name != MEMORY))
     return ClosedLoop(A, tuple(modes), structural, constants + ones.count(MEMORY), N, before * period)
+
+
+_COME_IN = 4.0
+"""Time constants after which a squeeze that comes in is as good as wanted."""
+
+
+def pressed_time(scenario: Scenario) -> float:
+    """Return the time at which the loop of a cell is looked at, s: 0, beside hinges once the squeeze is on.
+
+    Arms see nothing of the turn of a hinge: what they press turns the payload away under enough of it.
+    """
+    gains: Any = getattr(scenario.controller, "gains", None)
+    if not scenario.cell.jointed or scenario.cell.payload.links is not None:
+        return 0.0
+    rate = getattr(gains, "transient_rate", math.inf)
+    return min(_COME_IN / rate, scenario.duration)
 
 
 def _require_smooth(scenario: Scenario) -> None:

@@ -634,3 +634,27 @@ def test_struts_beside_joints_are_those_of_the_internal_wrench():
 def test_a_kind_of_grasp_that_there_is_not_is_answered_with_the_nearest(kind, meant):
     with pytest.raises(FieldError, match=f"{kind}.*{meant}"):
         cp.Scenario.load("two-pandas-box", {"cell.grasps.left.kind": kind})
+
+
+def test_hinges_that_a_squeeze_turns_away_are_an_error_with_a_remedy_that_works():
+    """Stable at the start, before the squeeze is on: no arm sees the turn of a payload between hinges."""
+    scenario = cp.Scenario.load("adept-hinges").replace(events=(), duration=3.0)
+    pressed = scenario.replace(squeeze=scenario.squeeze.scaled(5.0))
+    assert cp.stability.eigenvalues(pressed).radius < 1.0
+    (finding,) = cp.check(pressed, poses=21).of("error")
+    assert finding.kind == "closed loop"
+    assert finding.value > 1.0
+    cured = cp.check(pressed.override(finding.remedy), poses=21)
+    assert cured.ok
+    assert cp.check(scenario, poses=21).ok
+
+
+@pytest.mark.gate
+def test_new_arms_on_hinges_that_a_squeeze_turns_away_have_a_lower_anchor_and_keep_their_task():
+    """Two SO-101 with a light box: with the usual anchor the turn about the vertical grows."""
+    suggestion = cp.new_cell(["so101"] * 2, mass=0.3)
+    assert suggestion.findings().ok
+    assert suggestion.scenario.controller.gains.anchor_gain < 0.05
+    assert cp.run(suggestion.scenario, warn=False).metrics()["task_kept"] == 1.0
+    usual = cp.check(suggestion.scenario.override({"controller.gains.anchor_gain": 0.1}), poses=21)
+    assert [finding.kind for finding in usual.of("error")] == ["closed loop"]
