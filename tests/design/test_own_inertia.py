@@ -13,6 +13,7 @@ from tiers import by_default
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError
+from coop_pin.base.spatial import exp3
 from coop_pin.description.cell.grasp import STIFFNESSES
 from coop_pin.design import deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.design.posture_gains import posture_gains
@@ -50,6 +51,39 @@ def stable_steps(scenario, part=0.5):
     return scenario.override(
         {"clock.steps_per_tick": max(steps, math.ceil(steps * found.value / (part * found.limit)))}
     )
+
+
+def about_the_vertical(scenario, angle):
+    """The cell and its motion, turned about z of the world."""
+    X = np.eye(4)
+    X[:3, :3] = exp3(np.array((0.0, 0.0, angle)))
+
+    def placed(pose):
+        return cp.Pose.from_matrix(X @ pose.matrix)
+
+    line, arms = scenario.motion, scenario.cell.arms
+    turned = {name: arm.replace(base=placed(arm.base)) for name, arm in arms.items()}
+    motion = line.replace(start=placed(line.start), goal=placed(line.goal))
+    cell = scenario.cell.replace(arms=turned)
+    return scenario.replace(cell=cell, start=placed(scenario.start), motion=motion)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_proposal_is_that_of_the_cell_turned_about_the_vertical(name):
+    """Gains turn with the payload; errors to expect are those of the same motion."""
+    scenario = with_grasps(at_rest(name))
+    x, y, *_ = scenario.start.xyz
+    goal = scenario.start.replace(xyz=(x + 0.02, y + 0.01, scenario.start.xyz[2]))
+    line = cp.motions.LineMotion(start=scenario.start, goal=goal, start_time=0.1, duration=1.0)
+    scenario = scenario.replace(motion=line, duration=1.5)
+    stated, turned = (
+        own_inertia_proposal(each, reachability(each, poses=9))
+        for each in (scenario, about_the_vertical(scenario, 0.9))
+    )
+    assert stated.internal_force > 0.0
+    for field in ("tracking", "internal_force", "internal_moment", "lambda_min", "damping", "t_lambda_max"):
+        assert_allclose(getattr(turned, field), getattr(stated, field), rtol=1e-5, err_msg=field)
+    assert_allclose(turned.law.gains.sliding_gain, stated.law.gains.sliding_gain, rtol=1e-6, atol=1e-6)
 
 
 # ------------------------------------------------------------ matrices that turn

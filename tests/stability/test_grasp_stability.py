@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cells import SCENARIOS
+from cells import ANCHORED, SCENARIOS
 from compliant_cells import anchored, with_grasps
 from numpy.testing import assert_allclose
 
@@ -35,6 +35,24 @@ def test_the_step_limit_is_where_a_root_of_runge_kutta_leaves_the_unit_circle(na
     h, poles = clock.period / clock.steps_per_tick, np.linalg.eigvals(A)
     worst = max((s for s in poles if abs(s) > 1.0), key=lambda s: abs(s) * h / step_limit(s))
     assert_allclose((found.value, found.limit), (h * abs(worst), abs(worst) * step_limit(worst)), rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_stiffness_from_which_a_law_holds_is_the_edge_of_stiffer_springs(name):
+    """From springs a third and a tenth as stiff alike; dampers go with the root of the stiffness."""
+    edges, rigid = [], SCENARIOS[name]().replace(controller=ANCHORED[name], events=(), beyond_bound=True)
+
+    def stability(k):
+        scenario = with_grasps(rigid, (k, k, k, k / 100.0, k / 100.0, k / 100.0))
+        return grasp_stability(Simulation(scenario, build_controller(scenario)))
+
+    for k in (3e4, 1e5):
+        found = stability(k)
+        assert not found.ok
+        edges.append(k * found.holds_from)
+    assert_allclose(edges[0], edges[1], rtol=1e-2)
+    assert stability(1.005 * edges[1]).ok
+    assert not stability(0.995 * edges[1]).ok
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
