@@ -92,6 +92,36 @@ def slope(rows: np.ndarray, column: int, first: float = 0.02, last: float = 0.15
     return float(np.polyfit(part[:, 0], part[:, column], 1)[0])
 
 
+@pytest.mark.parametrize("name", TABLES)
+def test_stiffness_and_damping_are_of_the_motions_of_the_points_in_their_planes(name):
+    """Of a palm and a payload that are turned against each other, by differences of the points' places."""
+    chain = Bench(name).chain
+    patches, model, rng = chain.patches, chain.mechanism.model, np.random.default_rng(5)
+    q = pin.integrate(model, chain.model.configuration([arm.posture for arm in chain.model.arms], np.eye(4)),
+                      rng.normal(size=model.nv))  # fmt: skip
+    patches.damp(q)
+    h, part, points = 1e-6, patches.parts[0], patches.points
+    moved = [
+        [patches.positions(pin.integrate(model, q, sign * h * row))[part] for sign in (1.0, -1.0)]
+        for row in np.eye(model.nv)
+    ]
+    J = np.moveaxis([(after - before) / (2.0 * h) for after, before in moved], 0, -1)
+    springs = [points.shear_stiffness, points.shear_stiffness, points.stiffness]
+    dampers = [points.shear_damping, points.shear_damping, points.damping]
+    for matrix, numbers in zip(patches.matrices(q), (springs, dampers), strict=True):
+        expected = np.einsum("nia,in,nib->ab", J, np.array(numbers)[:, part], J)
+        assert_allclose(matrix, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    J_0, palm = J.mean(axis=0), next(iter(chain.cell.patches.values()))
+    assert_allclose(patches.on_body[part].mean(axis=0), 0.0, atol=1e-12)
+    M = np.triu(pin.crba(model, model.createData(), q))
+    W = np.diag(J_0 @ np.linalg.solve(M + np.triu(M, 1).T, J_0.T))
+    for numbers, k, mobility in (
+        (points.damping, palm.stiffness, W[2]),
+        (points.shear_damping, palm.shear_stiffness, W[:2].mean()),
+    ):
+        assert_allclose(numbers[part].sum(), 2.0 * palm.damping_ratio * np.sqrt(k / mobility), rtol=1e-6)
+
+
 # ------------------------------------------------------------ the element
 
 
