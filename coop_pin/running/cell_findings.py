@@ -180,8 +180,8 @@ def force_findings(scenario: Scenario, table_error: float) -> Iterator[Finding]:
         yield _of("take-hold", field, gap, gap.use, 1.0)
     for sag in grasp_sags(scenario):
         if (use := sag.use(scenario.task)) > 1.0:
-            place, sentence = f"events.{scenario.events.index(sag.event)}", sag.summary(scenario.task)
-            yield Finding("steady error", place, "warning", sentence, use, 1.0)
+            slot, sentence = f"events.{scenario.events.index(sag.event)}", sag.summary(scenario.task)
+            yield Finding("steady error", slot, "warning", sentence, use, 1.0)
 
 
 def stability_findings(

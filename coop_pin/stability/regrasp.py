@@ -122,7 +122,7 @@ def _hangings(scenario: Scenario) -> Iterator[tuple[GraspEvent, Array, Array, Ar
     """Yield each grasp event with T of its arm before it, and delta before it and after it."""
     cell, law = scenario.cell, scenario.controller
     C = np.array([cell.compliance(name) for name in cell.arms])
-    shares, found = _shares(scenario.grasp_plan_at(0.0)), dict[int, Array]()
+    shares, rests = _shares(scenario.grasp_plan_at(0.0)), dict[int, Array]()
     motion = scenario.payload_motion  # reads a table again
     is_controlled = np.isin(np.arange(6), cell.task_rows.indices)
 
@@ -132,7 +132,7 @@ def _hangings(scenario: Scenario) -> Iterator[tuple[GraspEvent, Array, Array, Ar
         holds, R = plan.holds, motion.at(time).X_WP_d[:3, :3]
         w = (weight_wrench(around.mass, around.gravity).reshape(2, 3) @ R).ravel()
         T = -law.near_rest.is_zeroed * is_controlled * (C @ (shares @ w)[..., None])[..., 0]
-        for arm, rest in found.items():
+        for arm, rest in rests.items():
             T[arm] = rest
         if not (plan.borne and holds.any() and C[holds].any(axis=(1, 2)).all()):
             return T, np.zeros(6)
@@ -145,9 +145,9 @@ def _hangings(scenario: Scenario) -> Iterator[tuple[GraspEvent, Array, Array, Ar
     for event in sorted(scenario.grasp_events, key=lambda event: event.time):
         arm, (T, before) = list(cell.arms).index(event.arm), at_rest(event.time - _BEFORE)
         if isinstance(event, Regrasp):
-            found.pop(arm, None)
+            rests.pop(arm, None)
             if event.rest == "found":
-                found[arm] = before
+                rests[arm] = before
         yield event, T[arm], before, at_rest(event.end)[1]
 
 
