@@ -29,7 +29,7 @@ from coop_pin.design.tuning_rule import anchor_of, damped, force_path_of, sample
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
-from coop_pin.stability.closed_loop import eigenvalues, pressed_time
+from coop_pin.stability.closed_loop import pressed_loop
 from coop_pin.stability.sampled_stability import damping_rates, motion_stability
 from coop_pin.stability.step_stability import step_stability
 
@@ -158,7 +158,7 @@ def with_joint_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scen
     for part in _ANCHORS:
         law = _law(scenario, k * unit, gains | {"anchor_gain": part * anchor_of(scenario, T)[1]})
         suggested = with_steps(scenario.replace(controller=law.replace(posture=posture)), cell_reach)
-        if (loop := eigenvalues(suggested, time=pressed_time(suggested))).ok:
+        if (loop := pressed_loop(suggested)).ok:
             break
     along = motion_stability(_simulation(suggested), cell_reach)
     if not (along.ok and loop.ok):

@@ -29,7 +29,7 @@ from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.admittance_stability import admittance_stability
-from coop_pin.stability.closed_loop import eigenvalues, pressed_time
+from coop_pin.stability.closed_loop import pressed_loop
 from coop_pin.stability.forecast import forecast, slower_motion, worst_error
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
@@ -235,7 +235,7 @@ def _closed_loop(scenario: Scenario) -> Iterator[Finding]:
     """Yield the stability of the whole tick by differences, at the start, beside hinges under the squeeze."""
     slot = "controller.gains"
     try:
-        loop = eigenvalues(scenario, time=pressed_time(scenario))
+        loop = pressed_loop(scenario)
     except (ArgumentError, DivergedError) as error:
         severity: Any = "error" if isinstance(error, DivergedError) else "note"
         yield Finding("closed loop", slot, severity, f"closed loop: {error}")

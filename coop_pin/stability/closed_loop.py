@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable
 from itertools import pairwise
@@ -155,16 +156,19 @@ _COME_IN = 4.0
 """Time constants after which a squeeze that comes in is as good as wanted."""
 
 
-def pressed_time(scenario: Scenario) -> float:
-    """Return the time at which the loop of a cell is looked at, s: 0, beside hinges once the squeeze is on.
+def pressed_loop(scenario: Scenario) -> ClosedLoop:
+    """Return the closed loop at the start, beside hinges once the squeeze is on where that tick is smooth.
 
     Arms see nothing of the turn of a hinge: what they press turns the payload away under enough of it.
+
+    Args:
+        scenario: Scenario, as of ``eigenvalues``, which tells what is raised.
     """
-    gains: Any = getattr(scenario.controller, "gains", None)
-    if not scenario.cell.jointed or scenario.cell.payload.links is not None:
-        return 0.0
-    rate = getattr(gains, "transient_rate", math.inf)
-    return min(_COME_IN / rate, scenario.duration)
+    rate = getattr(getattr(scenario.controller, "gains", None), "transient_rate", math.inf)
+    if scenario.cell.jointed and scenario.cell.payload.links is None:
+        with contextlib.suppress(ArgumentError):  # drives at their limits, which statics tell
+            return eigenvalues(scenario, time=min(_COME_IN / rate, scenario.duration))
+    return eigenvalues(scenario)
 
 
 def _require_smooth(scenario: Scenario) -> None:
